@@ -102,7 +102,7 @@ def refuse_all_failed(runs: Sequence[RunResult]) -> None:
     """Raise OptionError if all runs failed."""
     if all(run.hierarchy is None for run in runs):
         reasons = dict.fromkeys(f"{run.name}: {run.error}" for run in runs)
-        raise OptionError("no run came to an end: " + "; ".join(reasons))
+        raise OptionError("all runs failed: " + "; ".join(reasons))
 
 
 def data(mesh: Mesh, source: str, runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -180,7 +180,9 @@ def _describe_time_limits(run: RunResult) -> str:
     """Return a remark on searches stopped by the time limit, or an empty text."""
     count = run.hierarchy.statistics.get("time_limits", 0) if run.hierarchy else 0
     searches = "a search" if count == 1 else f"{count:,} searches"
-    return f"the time limit ended {searches}; these are the best parts found by then" if count else ""
+    return (
+        f"the time limit stopped {searches}; the results are the best parts found until then" if count else ""
+    )
 
 
 def _columns(level: Level, sized: bool) -> dict[str, str]:

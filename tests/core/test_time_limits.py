@@ -14,7 +14,7 @@ from agglo_core.progress import TimeLimit, noted_limits
 from agglo_kmeans.kmeans import KMeans
 
 MESH = samples.voronoi(1200, seed=6)
-ENDED = "the time limit ended"
+ENDED = "the time limit stopped"
 
 
 def kway(objective: str, seconds: float | None, effort: str = "best", **target):
@@ -91,7 +91,7 @@ def test_the_command_line_says_that_a_limit_ended_the_search(agglo) -> None:
     given = "run", "voronoi:1200,seed=6", "--method", "kway", "--parts", "75", "--bisector"
     done = agglo(*given, "kmeans:effort=best,seconds=0.001")
     assert done.code == 0, done.err
-    assert f"{ENDED} a search; these are the best parts found by then" in " ".join(done.out.split())
+    assert f"{ENDED} a search; the results are the best parts found until then" in " ".join(done.out.split())
     data = json.loads(agglo(*given, "kmeans:effort=best,seconds=0.001", "--json").out)
     assert data["runs"][0]["statistics"]["time_limits"] == 1
     assert ENDED not in agglo(*given, "kmeans:effort=fast").out

@@ -103,12 +103,12 @@ def test_one_process_makes_the_same_parts_where_ranks_do_not_matter(agglo: Agglo
 
 
 REFUSED = {
-    ("compare", "squares:n=4"): "agglo compare works in one process, but 2 were started",
-    ("run", "squares:n=4", "--plot", "a.png", "--report", "b.html"): "--plot and --report cannot be had",
+    ("compare", "squares:n=4"): "agglo compare works in one process, but 2 processes were",
+    ("run", "squares:n=4", "--plot", "a.png", "--report", "b.html"): "--plot and --report cannot be used",
     ("run", "squares:n=4", "-o", "out.vtu"): "out.vtu: what lies on several ranks is written as .pvtu",
     ("run", "nowhere.vtu"): "'nowhere.vtu' is neither a file",
     ("run", "squares:n=4", "--parts", "x"): "Invalid value for '--parts'",
-    ("solve", "squares:n=4"): "the solver polydg_mg works in one process, but 2 were started",
+    ("solve", "squares:n=4"): "the solver polydg_mg works in one process, but 2 processes were",
     ("run", "squares:n=4", "-o", "nowhere/out.pvtu"): "nowhere/out.pvtu: the folder nowhere does not exist",
 }
 
@@ -127,7 +127,7 @@ def test_comparing_on_ranks_is_refused(tmp_path: Path) -> None:
     """Nobody gets the same table four times."""
     done = launch(4, "compare", "squares:n=4", cwd=tmp_path)
     assert (done.code, done.out) == (2, "")
-    assert done.err.startswith("error: agglo compare works in one process, but 4 were started")
+    assert done.err.startswith("error: agglo compare works in one process, but 4 processes were")
     assert len(of_ranks(done).splitlines()) == 1
 
 

@@ -292,7 +292,7 @@ def test_not_converged_is_exit_code_3(agglo: Agglo) -> None:
         (["squares:n=4", "--solver", "polydg_mg_paper", "--levels", "7"], "levels must lie in 2..4"),
         (["squares:n=4", "--parts", "16"], "no level of the hierarchy is coarser than its 16 cells"),
         (["squares:n=4", "--parts", "4", "--h-star", "0.5"], "--h-star and --parts cannot be given together"),
-        (["squares:n=4", "--parts", "4.5"], "not a comma list of whole numbers"),
+        (["squares:n=4", "--parts", "4.5"], "not a comma-separated list of whole numbers"),
         (["squares:n=4", "--problem", "none.toml"], "no such file"),
         (["squares:n=4", "-o", "u.vtk"], "u.vtk: a solution is written as .vtu"),
         (["squares:n=4", "-o", "no/u.vtu"], "no/u.vtu"),

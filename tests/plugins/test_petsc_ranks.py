@@ -125,7 +125,7 @@ def test_the_command_solves_as_in_one_process(alone, size, tmp_path):
     ("options", "message"),
     [
         (("-o", "u.vtu"), "u.vtu: what lies on several ranks is written as .pvtu, not '.vtu'"),
-        (("--plot", "u.png"), "--plot cannot be had of a mesh that lies on several processes"),
+        (("--plot", "u.png"), "--plot cannot be used on a mesh distributed over several processes"),
         (("--levels", "9"), "levels = 9 with the mesh; there are 4"),
     ],
 )

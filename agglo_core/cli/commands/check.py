@@ -18,16 +18,16 @@ from agglo_core.registry import KINDS
 if TYPE_CHECKING:
     from agglo_core.conformance import Result
 
-_ABOUT = "what it says, or what is wrong"
+_ABOUT = "statement, or fault"
 
 
 @click.command(cls=OwnCommand, short_help="Check a component against the laws of its kind.")
 @click.argument("component", shell_complete=any_names)
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of results.")
+@click.option("--timeout", default=120.0, show_default=True, help="Time limit of a law, in seconds.")
 @click.option(
-    "--timeout", default=120.0, show_default=True, help="Seconds a law may take before it is stopped."
+    "--thorough", is_flag=True, help="Also try large meshes, and measure how the time grows with size."
 )
-@click.option("--thorough", is_flag=True, help="Also try large meshes, and how the time grows with them.")
 def check(component: str, as_json: bool, timeout: float, thorough: bool) -> int:
     """Check COMPONENT (mine, bisector:mine, metric:mine:option=value), and print a remedy for each failure.
 

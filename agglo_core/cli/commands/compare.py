@@ -68,22 +68,22 @@ class _Plan:
     flag_value=DEFAULT_SOLVER,
     metavar=f"[{COMPONENT}]",
     shell_complete=names("solver"),
-    help=f"Solve with each hierarchy too, and count (default {DEFAULT_SOLVER}).",
+    help=f"Also solve with each hierarchy and show iterations (default {DEFAULT_SOLVER}).",
 )
 @click.option(
     "--problem",
     metavar="NAME[:opt=val,…]|FILE.toml",
     shell_complete=names("problem"),
-    help="To be solved (default constant).",
+    help="Problem for --solve (default constant).",
 )
 @click.option(
     "--pareto",
     type=FILE,
-    help="Picture of roundness, evenness and seconds of the runs, with the Pareto front.",
+    help="Plot of roundness, evenness and seconds of the runs, with the Pareto front.",
 )
 @click.option("--report", type=FILE, help="One web page with all levels and runs (.html).")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
-@click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON with --json).")
 def compare(
     source: str,
     bisectors: Sequence[str],
@@ -110,7 +110,7 @@ def compare(
     # Check all options before any work.
     plans = _plans(bisectors or all_bisectors(), methods or [_configured_method(agglomeration)])
     if problem is not None and solver is None:
-        raise click.UsageError("--problem is for --solve, which is not given")
+        raise click.UsageError("--problem needs --solve: give --solve or leave --problem out")
     tool = None if solver is None else build_solver(solver, {}, "--solve")
     check_outputs(None, None, report, ())
     if pareto is not None:

@@ -35,21 +35,23 @@ _BOXES = 2
 """Number of metrics with box plots, the first available for the mesh."""
 
 
-@click.command(cls=OwnCommand, short_help="See a brain agglomerated by every bisector.")
-@click.option("-o", "--output", type=FILE, default="agglo-demo", show_default=True, help="Folder to fill.")
+@click.command(cls=OwnCommand, short_help="Agglomerate a sample brain with every bisector.")
+@click.option(
+    "-o", "--output", type=FILE, default="agglo-demo", show_default=True, help="Folder for the results."
+)
 @bisectors_option("How a piece is split (default: all).")
-@click.option("--3d", "solid", is_flag=True, help="The whole brain in voxels, tissues kept apart.")
+@click.option("--3d", "solid", is_flag=True, help="The whole brain in voxels; no part contains two tissues.")
 @click.option(
     "--diameter-fraction",
     "factor",
     type=Number(float, above=0.0, most=1.0),
     default=0.2,
     show_default=True,
-    help="Largest agglomerate, over the diameter of the brain.",
+    help="Largest agglomerate diameter, relative to the brain's diameter.",
 )
 @threads_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
-@click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON with --json).")
 def demo(
     output: Path, bisectors: Sequence[str], solid: bool, factor: float, as_json: bool, quiet: bool
 ) -> int:
@@ -83,7 +85,7 @@ def demo(
         # Titles, then meshes, report and pictures.
         size = f"diameter D = {number(diameter)}"
         note = f"{size}; levels at h* = {', '.join(f'{fraction:g}' for fraction in factors)} D"
-        note += f"; {_TISSUE}s kept apart" if solid else ""
+        note += f"; no part contains two {_TISSUE}s" if solid else ""
         title = f"{mesh.name}: {mesh.n_cells:,} cells, {size}, h* = {factor:g} D"
         output.mkdir(exist_ok=True)
         outputs = Outputs()
@@ -111,12 +113,12 @@ def _bisectors(quiet: bool, solid: bool = False) -> list[str]:
     plane = [record for record in records if solid and record.state == "ok" and not _in_space(record)]
     for record in records if not quiet else ():
         if record.state == "needs":
-            say(f"note: without {record.name}: it {record.reason}")
+            say(f"note: left out {record.name}: it {record.reason}")
         elif record in plane:
-            say(f"note: without {record.name}: it does not promise to work in 3-D")
+            say(f"note: left out {record.name}: it does not promise 3d")
     names = [record.name for record in records if record.state == "ok" and record not in plane]
     if not names:
-        raise PluginError("there is no bisector that can be used: see agglo plugins")
+        raise PluginError("no bisector can be used: see agglo plugins")
     return sorted(names, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
 
 
@@ -168,7 +170,7 @@ def _pictures(
     if find_spec("matplotlib") is None:
         if not quiet:
             say(
-                "note: no pictures but those of report.html, for matplotlib is not installed: "
+                "note: only report.html has pictures, because matplotlib is not installed: "
                 "pip install 'agglo[plot]'"
             )
         return

@@ -30,8 +30,8 @@ def mesh(sample: str, output: Path, quiet: bool) -> None:
     io.check_writable(output)
     if Path(sample).is_file():
         raise click.UsageError(
-            f"{sample} is a file already, and this command writes samples; to convert it, in Python: "
-            f"agglo.write({str(output)!r}, agglo.read({sample!r}))"
+            f"{sample} is an existing file, and this command writes samples only; convert "
+            f"it in Python: agglo.write({str(output)!r}, agglo.read({sample!r}))"
         )
     with show_progress(quiet) as progress:
         with phase(progress, "making the mesh", sample):

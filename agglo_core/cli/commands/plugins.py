@@ -22,7 +22,7 @@ _SLOW = 2.0  # seconds: imports of plugins delay every command
 
 @click.command(cls=OwnCommand, short_help="List plugins, their components, states and options.")
 @click.argument("name", required=False, shell_complete=any_names)
-@click.option("-v", "--verbose", is_flag=True, help="Also show promises, requirements, slow imports.")
+@click.option("-v", "--verbose", is_flag=True, help="Also show promises, requirements and slow imports.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of records.")
 def plugins(name: str | None, verbose: bool, as_json: bool) -> None:
     """List the components and commands of all plugins, with their states.
@@ -65,7 +65,7 @@ def _find_records(registry: Registry, text: str) -> list[Record]:
     names = ", ".join(sorted({str(record.name) for record in registry.records()}))
     failures = "; ".join(f"{describe(r)}: {r.reason}" for r in registry.records() if r.kind == "plugin")
     raise PluginError(
-        f"no component, command or plugin is named {text!r}; there are {names}"
+        f"no component, command or plugin is named {text!r}; available: {names}"
         + (f"; plugins that cannot be used: {failures}" if failures else "")
     )
 
@@ -107,7 +107,7 @@ def _card(record: Record) -> Iterator[str]:
         return
     options = options_of(resolve(record))
     if options is None:
-        yield "  options: any; it checks them itself"
+        yield "  options: any; checked by the component"
     elif not options:
         yield "  no options"
     else:
@@ -116,7 +116,7 @@ def _card(record: Record) -> Iterator[str]:
 
 
 def _lines(option: Option) -> list[str]:
-    default_text = "must be given" if option.required else f"default {option.default!r}"
+    default_text = "required" if option.required else f"default {option.default!r}"
     head = f"{option.name}: {option.type_name}; {default_text}"
     return [head, f"    {option.about}"] if option.about else [head]
 

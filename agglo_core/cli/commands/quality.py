@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 @metrics_option
 @threads_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON with --json).")
 def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -> None:
     """Print the means of UF, CR, CRc, J and isoperimetric, or of other metrics, for every level in FILE.
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger("agglo")
 
 
-@click.command(cls=OwnCommand, short_help="Agglomerate a mesh: measure, draw, write.")
+@click.command(cls=OwnCommand, short_help="Agglomerate a mesh: measure, plot, write.")
 @click.argument("source", metavar="MESH|SAMPLE", shell_complete=meshes)
 @agglomeration_options(bisector="several")
 @metrics_option
@@ -44,17 +44,17 @@ _log = logging.getLogger("agglo")
 @click.option(
     "--explode",
     type=Number(float, least=0.0, most=10.0),
-    help="In 3-D, how far --plot moves parts apart (default 0.35).",
+    help="3-D only: distance by which --plot moves parts apart (default 0.35).",
 )
 @click.option("--report", type=FILE, help="One web page with all levels and runs (.html).")
 @click.option(
     "--independent-of-ranks",
     "independent",
     is_flag=True,
-    help="With mpiexec: the same parts whatever the number of ranks.",
+    help="With mpiexec: parts do not depend on the number of ranks.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
-@click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON with --json).")
 def run(
     source: str,
     bisectors: Sequence[str],
@@ -76,7 +76,7 @@ def run(
     if quiet:
         quieten()
     if explode is not None and plot is None:
-        raise click.UsageError("--explode is for --plot, which is not given")
+        raise click.UsageError("--explode needs --plot: give --plot or leave --explode out")
     if is_of_ranks(output, independent):
         refuse_files({"--plot": plot, "--report": report})
         if not quiet:
@@ -91,7 +91,7 @@ def run(
         with phase(progress, "reading", source):
             mesh = load_mesh(source)
         if explode is not None and mesh.dim == 2:
-            raise click.UsageError(f"--explode is for solids; {mesh.name or source} is 2-D")
+            raise click.UsageError(f"--explode applies to 3-D meshes; {mesh.name or source} is 2-D")
         refuse_metrics(mesh, metrics)
         if not quiet:
             explain_compilation()
@@ -132,7 +132,7 @@ def _carry_out(
         values = [level.values for level in levels] or None
         make = partial(write, file, mesh, hierarchy, level_values=values, progress=progress)
         if outputs.result(file, make) and not levels:
-            _log.warning("%s is written, but could not be measured", file)
+            _log.warning("%s was written, but could not be measured", file)
 
     result = execute(mesh, spec, arguments, metrics, progress, save)
     return (

@@ -44,15 +44,15 @@ if TYPE_CHECKING:
 _COLUMNS = 80  # maximum width of the text
 
 
-@click.command(cls=OwnCommand, short_help="Solve a problem with the help of a hierarchy.")
+@click.command(cls=OwnCommand, short_help="Solve a problem with multigrid on a hierarchy.")
 @click.argument("source", metavar="MESH|SAMPLE", shell_complete=meshes)
 @click.option(
     "--solver", default=DEFAULT_SOLVER, show_default=True, metavar=COMPONENT, shell_complete=names("solver")
 )
 @agglomeration_options(bisector="one")
-@click.option("--levels", type=Number(int), help="How many to use of mesh, level 0, 1, … (default all).")
-@click.option("--degree", type=Number(int), help="Of the polynomials (default: the solver's).")
-@click.option("--smoothing-steps", type=Number(int), help="Before and after each coarse correction.")
+@click.option("--levels", type=Number(int), help="Number of levels to use, the mesh included (default all).")
+@click.option("--degree", type=Number(int), help="Polynomial degree (default: the solver's).")
+@click.option("--smoothing-steps", type=Number(int), help="Steps before and after each coarse correction.")
 @click.option("--tol", "tolerance", type=float, help="Relative residual and energy error to reach.")
 @click.option(
     "--problem",
@@ -62,17 +62,19 @@ _COLUMNS = 80  # maximum width of the text
     shell_complete=names("problem"),
 )
 @click.option(
-    "--cg/--no-cg", default=True, help="Count the iterations of plain CG too (default; slow if large)."
+    "--cg/--no-cg",
+    default=True,
+    help="Also count the iterations of plain CG (default; slow on large meshes).",
 )
-@click.option("-o", "--output", type=FILE, help="The solution, sampled in every cell (.vtu; on ranks .pvtu).")
+@click.option("-o", "--output", type=FILE, help="Solution, sampled in every cell (.vtu; on ranks .pvtu).")
 @click.option("--plot", type=FILE, help="Picture of the solution (.png, .pdf, .svg).")
 @click.option(
     "--plot-convergence",
     "history",
     type=FILE,
-    help="Picture of residual and energy error by iteration (.png, .pdf, .svg).",
+    help="Plot of residual and energy error by iteration (.png, .pdf, .svg).",
 )
-@click.option("--report", type=FILE, help="One web page with levels, costs, convergence (.html).")
+@click.option("--report", type=FILE, help="Web page with levels, costs and convergence (.html).")
 @click.option(
     "--write-system",
     "system_file",
@@ -234,8 +236,10 @@ def _refuse_one_process(tool: object, solver: str, files: Mapping[str, Path | No
     if find_launch() is None:
         return
     if getattr(tool, "ranks", "one") != "world" and not solves_across(tool):
-        refuse_on_ranks(f"the solver {solver}", "petsc_mg shares meshes out among processes")
-    refuse_files(files, "solve in one process for it")
+        refuse_on_ranks(
+            f"the solver {solver}", "use --solver petsc_mg, which distributes the mesh over processes"
+        )
+    refuse_files(files, "solve in one process to get them")
 
 
 def _drop_unset_options(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -247,12 +251,14 @@ def _check_files(
 ) -> None:
     """Check that files can be written before computing."""
     if (output or plot) and getattr(tool, "discretisation", None) is None:
-        raise OptionError(f"{solver} does not say what its unknowns mean: -o and --plot are not available")
+        raise OptionError(
+            f"{solver} has no discretisation to interpret its unknowns: -o and --plot are not available"
+        )
     if output is not None:
         from agglo_core.io import check_writable
 
         if output.suffix.lower() != ".vtu":
-            raise OptionError(f"{output}: a solution is written as .vtu")
+            raise OptionError(f"{output}: solutions are written as .vtu")
         check_writable(output)
     if plot is not None:
         check_picture(plot)

@@ -53,7 +53,7 @@ class _File(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if value == "":
-            self.fail("the name of the file is empty", param, ctx)
+            self.fail("the file name is empty", param, ctx)
         return super().convert(value, param, ctx)
 
 
@@ -67,7 +67,7 @@ def read_methods(_: click.Context, parameter: click.Parameter, text: str | None)
     flag = parameter.opts[0]
     unknown = [method for method in methods if method not in METHODS]
     if unknown:
-        raise click.UsageError(f"{flag}: {unknown[0]!r} is none of {', '.join(METHODS)}")
+        raise click.UsageError(f"{flag}: unknown method {unknown[0]!r}; expected one of {', '.join(METHODS)}")
     refuse_duplicates(flag, methods)
     return methods
 
@@ -78,7 +78,7 @@ def _names(_: click.Context, parameter: click.Parameter, text: str | None) -> tu
         return None
     names = tuple(name.strip() for name in text.split(","))
     if not all(names):
-        raise click.BadParameter(f"{text!r} is not a comma list of tags", param=parameter)
+        raise click.BadParameter(f"{text!r} is not a comma-separated list of tags", param=parameter)
     return names
 
 
@@ -92,7 +92,7 @@ def _tensor(_: click.Context, parameter: click.Parameter, text: str | None) -> l
         values = []
     d = {4: 2, 9: 3}.get(len(values))
     if d is None:
-        raise click.BadParameter(f"{text!r} is not a comma list of 4 or 9 numbers", param=parameter)
+        raise click.BadParameter(f"{text!r} is not a comma-separated list of 4 or 9 numbers", param=parameter)
     return [values[d * i : d * (i + 1)] for i in range(d)]
 
 
@@ -173,12 +173,12 @@ _RULE_OPTIONS = (
     _switch("lines"),
 )
 _CONFIG = (
-    click.option("--config", type=FILE, help="TOML file; options given here win."),
+    click.option("--config", type=FILE, help="TOML file; options given here take precedence."),
     click.option(
         "--allow-code",
         is_flag=True,
         default=None,
-        help="Let options in TOML files name code, which is imported and run.",
+        help="Allow options in TOML files to name code to import and run.",
     ),
 )
 
@@ -247,7 +247,7 @@ def _arguments(options: dict[str, Any]) -> dict[str, Any]:
     arguments = {name: value for name, value in options.items() if value is not None and value != ()}
     targets = [_flag(name) for name in TARGETS if name in arguments]
     if len(targets) > 1:
-        raise click.UsageError(f"{' and '.join(targets)} cannot be given together: choose one")
+        raise click.UsageError(f"{' and '.join(targets)} cannot be combined: choose one")
     for name, kind in COMPONENTS.items():
         if name not in arguments:
             continue
@@ -257,7 +257,7 @@ def _arguments(options: dict[str, Any]) -> dict[str, Any]:
         specs, alone = arguments[name], "none" if kind == "refiner" else None
         if alone in specs and len(specs) > 1:
             raise click.UsageError(
-                f"{_flag(name)} none cannot be given with another {_flag(name)}: choose one"
+                f"{_flag(name)} none cannot be combined with another {_flag(name)}: choose one"
             )
         arguments[name] = tuple(choice(kind, spec) for spec in specs if spec != alone)
     return arguments

@@ -157,7 +157,7 @@ class _Bash(BashComplete):
 add_completion_class(_Bash)
 
 
-@click.command(cls=OwnCommand, short_help="Let the shell complete what is typed.")
+@click.command(cls=OwnCommand, short_help="Set up tab completion in the shell.")
 @click.argument("shell", type=click.Choice(("bash", "zsh", "fish")))
 def completion(shell: str) -> None:
     """Print a script for SHELL to complete commands, options, components with options, and samples.

@@ -80,7 +80,7 @@ def numbers(
         try:
             values = tuple(number(item) for item in text.split(","))
         except ValueError:
-            message = f"{in_words(text)} is not a comma list of {noun}"
+            message = f"{in_words(text)} is not a comma-separated list of {noun}"
             raise click.BadParameter(message, param=parameter) from None
         for value in values:
             if not (0 < value < inf and value >= (least or 0)):

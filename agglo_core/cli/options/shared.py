@@ -49,7 +49,7 @@ def bisectors_option(about: str) -> Decorator:
         metavar=COMPONENT,
         shell_complete=names("bisector", several=True, also=("all",)),
         callback=read_bisectors,
-        help=f"{about} Repeatable, or a comma list; 'all' for all that can be used.",
+        help=f"{about} Repeatable, or a comma list; 'all' for all usable ones.",
     )
 
 
@@ -82,7 +82,7 @@ def metrics_option(command: Command) -> Command:
         metavar="LIST",
         shell_complete=names("metric", several=True),
         callback=_read_metrics,
-        help="Metrics (NAME[:opt=val,…]) or objectives to show in place of the default ones.",
+        help="Metrics (NAME[:opt=val,…]) or objectives to show instead of the default ones.",
     )(command)
     return decorated
 
@@ -96,6 +96,6 @@ threads_option = click.option(
     type=Number(int, least=1),
     expose_value=False,
     callback=_use_threads,
-    help="Threads at work (default: AGGLO_THREADS, else 1); results do not depend on it.",
+    help="Number of threads (default: AGGLO_THREADS, else 1); results do not depend on it.",
 )
 """Add the option ``--threads``, the number of threads for the whole command (decorator)."""

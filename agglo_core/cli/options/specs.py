@@ -41,15 +41,13 @@ def load_mesh(text: str | Path) -> Mesh:
     """
     text = str(text)
     if not text:
-        raise FileError("the name of the mesh is empty; expected a file or a sample such as squares:n=64")
+        raise FileError("the mesh name is empty; expected a file or a sample such as squares:n=64")
     if Path(text).exists():
         from agglo_core.io import read
 
         return read(Path(text))
     if not _SAMPLE.fullmatch(text):
-        raise FileError(
-            f"{text!r} is neither a file (there is none of that name) nor a sample such as squares:n=64"
-        )
+        raise FileError(f"{text!r} is neither an existing file nor a sample such as squares:n=64")
     from agglo_core import samples
 
     try:
@@ -57,9 +55,7 @@ def load_mesh(text: str | Path) -> Mesh:
     except OptionError as error:
         if not isinstance(error.__cause__, PluginError):  # a known sample with an invalid option
             raise
-        raise OptionError(
-            f"{text!r} is neither a file (there is none of that name) nor a sample: {error}"
-        ) from error
+        raise OptionError(f"{text!r} is neither an existing file nor a sample: {error}") from error
 
 
 def parse_spec(text: str) -> tuple[str, dict[str, Value]]:
@@ -99,7 +95,7 @@ def as_typed(text: str) -> tuple[str, dict[str, Text]]:
         if not equals or not option.isidentifier() or not value:
             raise OptionError(f"{item!r} in {text!r} is not of the form option=value")
         if option in options:
-            raise OptionError(f"{text!r} gives {option!r} twice")
+            raise OptionError(f"{text!r} sets option {option!r} twice")
         options[option] = Text(value)
     return name.strip(), options
 

@@ -92,7 +92,10 @@ def _coarse_meshes(path: Path) -> str:
         count += 1
     name = f"{path.stem}_level0{path.suffix}"
     return (
-        "" if not count else f", and {count} coarse mesh{'es' if count > 1 else ''} beside it from {name} on"
+        ""
+        if not count
+        else f", and {count} coarse mesh{('es' if count > 1 else '')} in the same folder, "
+        f"starting with {name}"
     )
 
 
@@ -169,18 +172,16 @@ def check_picture(plot: Path, flag: str = "--plot") -> None:
     Without matplotlib, as needed for the option ``flag``, print an early warning.
     """
     if plot.is_dir():
-        raise FileError(f"{plot} is a folder; expected the name of a picture")
+        raise FileError(f"{plot} is a folder; expected a file name for the picture")
     if plot.suffix.lower() not in _PICTURES:
-        raise FileError(f"{plot}: pictures end in {', '.join(_PICTURES)}, not {plot.suffix!r}")
+        raise FileError(f"{plot}: pictures end in {', '.join(_PICTURES)}, given {plot.suffix!r}")
     if not plot.parent.is_dir():
         raise FileError(f"{plot}: there is no folder {plot.parent}")
     from agglo_core.io.atomic import check_replaceable
 
     check_replaceable(plot)
     if find_spec("matplotlib") is None:
-        text = (
-            "%s needs matplotlib, which is not installed: pip install 'agglo[plot]'; the rest is made without"
-        )
+        text = "skipping %s, which needs matplotlib: pip install 'agglo[plot]'"
         _log.warning(text, flag)
 
 
@@ -196,5 +197,5 @@ def _one_each(output: Path, bisectors: Sequence[str]) -> list[Path]:
     """
     names = [as_file_name(spec) for spec in bisectors]
     if len(set(names)) < len(names):
-        raise click.UsageError(f"{' and '.join(bisectors)} would be written to files of the same name")
+        raise click.UsageError(f"{' and '.join(bisectors)} would be written to files with equal names")
     return [output.with_name(f"{output.stem}_{name}{output.suffix}") for name in names]

@@ -169,7 +169,7 @@ def lay_out_table(table: Table, width: int | None, *, boxed: bool) -> list[str]:
 
 
 def _describe_omission(names: Sequence[str], width: int, full_width: int) -> list[str]:
-    text = f"left out: {', '.join(names)}; a terminal of {full_width} columns, or --json, shows all"
+    text = f"left out: {', '.join(names)}; for all columns use a terminal of {full_width} columns, or --json"
     return list(fold_text(text, width, "  "))
 
 

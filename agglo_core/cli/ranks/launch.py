@@ -57,20 +57,20 @@ def refuse_on_ranks(what: str, instead: str) -> None:
     launch = find_launch()
     if launch is not None:
         raise OptionError(
-            f"{what} works in one process, but {launch.size} were started, each of which would do all of it: "
-            f"{instead}"
+            f"{what} works in one process, but {launch.size} processes were started, and "
+            f"each would repeat all the work: {instead}"
         )
 
 
 def refuse_files(
     files: Mapping[str, Path | None],
-    instead: str = "write it with -o NAME.pvtu and look at it in one process",
+    instead: str = "write the mesh with -o NAME.pvtu and plot it in one process",
 ) -> None:
     """Raise OptionError if options request files that runs on several ranks cannot make."""
     options = [option for option, file in files.items() if file is not None]
     if options:
         raise OptionError(
-            f"{' and '.join(options)} cannot be had of a mesh that lies on several processes; {instead}"
+            f"{' and '.join(options)} cannot be used on a mesh distributed over several processes; {instead}"
         )
 
 
@@ -83,7 +83,11 @@ def on_all_ranks(command: Callable[[], int], here: Launched) -> int:
         from mpi4py import MPI
     except ImportError as error:
         if here.rank == 0:
-            click.echo(f"error: {here.size} processes need mpi4py to work together ({error})", err=True)
+            click.echo(
+                f"error: {here.size} processes need mpi4py to work together ({error}): pip "
+                "install 'agglo[mpi]'",
+                err=True,
+            )
         return 2
     comm = MPI.COMM_WORLD.Dup()
     stderr_buffer = io.StringIO()

@@ -68,7 +68,9 @@ def run_on_ranks(
         On all ranks.
     """
     if len(bisectors) > 1:
-        raise OptionError(f"{' and '.join(bisectors)}: on several ranks one bisector is tried at a time")
+        raise OptionError(
+            f"{' and '.join(bisectors)}: on several ranks only one bisector can be used at a time"
+        )
     from agglo_core.distributed import Ranks, write
     from agglo_core.distributed.files.writing import check_parallel_target
     from agglo_core.measure.selection import RATIOS

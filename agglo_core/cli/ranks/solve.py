@@ -56,7 +56,7 @@ def solve_on_ranks(
     from agglo_core.distributed.files.writing import check_parallel_target
 
     if not agglomeration:
-        raise OptionError("on several ranks say what the levels are: --parts, --cells-per-part, …")
+        raise OptionError("runs on several ranks need a target: give --parts, --cells-per-part, …")
     ranks, title = Ranks(), solver_title(solver)
     # Refuse bad output paths before any work.
     with ranks.together():

@@ -32,8 +32,8 @@ class Posed:
         """Raise OptionError if there is no discretisation to interpret the unknowns for these options."""
         if self.how is None:
             raise OptionError(
-                f"{self.solver} does not say what the unknowns of a problem of kind {self.problem.kind} "
-                f"mean: {options} not available"
+                f"{self.solver} has no discretisation to interpret the unknowns of problem "
+                f"kind {self.problem.kind}: {options} not available"
             )
 
     def system(self) -> System:
@@ -78,13 +78,13 @@ def build_solver(spec: str, given: Mapping[str, Any], flag: str = "--solver") ->
     name, options = as_typed(spec)
     duplicates = sorted(set(options) & set(given))
     if duplicates:
-        raise OptionError(f"{duplicates[0]} is given twice: in {flag} {spec} and by an option of its own")
+        raise OptionError(f"{duplicates[0]} is given twice: in {flag} {spec} and by the separate option")
     try:
         return default().build("solver", name, **options, **given)
     except PluginError as error:
         if name != DEFAULT_SOLVER:
             raise
-        raise PluginError(f"{error}; choose another one by {flag}") from error
+        raise PluginError(f"{error}; choose another component with {flag}") from error
 
 
 def pose_problem(text: str, mesh: Mesh, tool: object, solver: str, *, allow_code: bool) -> Posed:
@@ -99,7 +99,7 @@ def pose_problem(text: str, mesh: Mesh, tool: object, solver: str, *, allow_code
     from agglo_core.problems import discretisation_of, named_problem, require_accepted
 
     if not text:
-        raise OptionError("--problem is empty; expected the name of a problem or of a TOML file")
+        raise OptionError("--problem is empty; expected a problem name or a TOML file")
     is_file = Path(text).suffix.lower() == ".toml" or Path(text).exists()
     name, options = (text, {}) if is_file else as_typed(text)
     problem = named_problem(name, mesh, options, allow_code=allow_code)

@@ -191,7 +191,7 @@ def show_solved(spec: str, problem: str, runs: Sequence[RunResult], solved: Sequ
         shapes = [format_ratio(run.levels[0].line[name]) if run.levels else "–" for name in metrics]
         rows.append([run.name, *shapes, *solution.cells()])
     print_table(
-        f"{problem} solved by {spec}; CPU seconds, set-up with assembly; metrics of the finest level",
+        f"{problem} solved by {spec}; CPU seconds, set-up includes assembly; metrics of the finest level",
         ["bisector", *metrics, *_COLUMNS],
         rows,
         spare=[*reversed(metrics), "contraction", "hierarchy s"],

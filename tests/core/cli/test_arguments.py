@@ -51,9 +51,9 @@ def test_what_is_given_are_arguments_of_agglomerate() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--parts", "4", "--cells-per-part", "4"], "--parts and --cells-per-part cannot be given together"),
+        (["--parts", "4", "--cells-per-part", "4"], "--parts and --cells-per-part cannot be combined"),
         (["--refiner", "none", "--refiner", "interface"], "--refiner none cannot be given with another"),
-        (["--parts", "2.5"], "'2.5' is not a comma list of whole numbers"),
+        (["--parts", "2.5"], "'2.5' is not a comma-separated list of whole numbers"),
         (["--h-star", "1,inf"], "each number must be positive and finite, given inf"),
         (["--cells-per-part", "0.5"], "each number must be at least 1 and finite, given 0.5"),
         (["--seed", "-1"], "-1 is not in the range"),

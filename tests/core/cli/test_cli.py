@@ -244,14 +244,14 @@ def test_components_can_be_chosen_and_switched_off(agglo: Agglo) -> None:
 
 WRONG: dict[str, tuple[list[str], str]] = {
     "no such file": (["run", "absent.vtu"], "neither a file"),
-    "no such sample": (["run", "sqares"], "neither a file (there is none of that name) nor a sample"),
+    "no such sample": (["run", "sqares"], "neither an existing file nor a sample"),
     "wrong option of a sample": (["run", "squares:m=3"], "squares"),
     "a folder": (["run", "folder"], "folder"),
     "an empty file": (["run", "empty.vtu"], "empty.vtu"),
     "not a mesh": (["run", "text.vtu"], "text.vtu"),
     "two targets": (["run", "squares:n=4", "--parts", "2", "--h-star", "1"], "--h-star and --parts"),
-    "letters for numbers": (["run", "squares:n=4", "--parts", "2,x"], "comma list of whole numbers"),
-    "a fraction of a part": (["run", "squares:n=4", "--parts", "2.5"], "comma list of whole numbers"),
+    "letters for numbers": (["run", "squares:n=4", "--parts", "2,x"], "comma-separated list of whole numbers"),
+    "a fraction of a part": (["run", "squares:n=4", "--parts", "2.5"], "comma-separated list of whole numbers"),
     "more parts than cells": (["run", "squares:n=2", "--parts", "5"], "5"),
     "no parts": (["run", "squares:n=2", "--parts", "4,0"], "'--parts': each number must be positive"),
     "less than a cell": (["run", "squares:n=2", "--cells-per-part", "0.5"], "'--cells-per-part'"),

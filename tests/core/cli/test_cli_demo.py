@@ -57,7 +57,7 @@ def test_every_bisector_leaves_its_files(agglo: Agglo, small: None, wrong: None,
     pytest.importorskip("matplotlib")
     code, out, err = agglo("demo")
     assert code == 0
-    assert "note: without lame: it needs no_such_module" in err
+    assert "note: left out lame: it needs no_such_module" in err
     assert "not today" in out
     assert "report.html in a browser" in out
     assert all(name in out for name in active())
@@ -184,6 +184,6 @@ def test_bisectors_of_the_plane_are_left_out_of_a_solid(
     demo = importlib.import_module("agglo_core.cli.commands.demo")
     assert "kmeans" in demo._bisectors(False, True)
     said = capsys.readouterr().err
-    assert "note: without wrong: it does not promise to work in 3-D" in said
-    assert "note: without lame: it needs no_such_module" in said
+    assert "note: left out wrong: it does not promise 3d" in said
+    assert "note: left out lame: it needs no_such_module" in said
     assert "wrong" in demo._bisectors(True)

@@ -103,7 +103,7 @@ def test_methods_that_are_not_implemented_have_a_row_and_no_blame(agglo: Agglo) 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["squares:n=4", "--problem", "sine"], "--problem is for --solve, which is not given"),
+        (["squares:n=4", "--problem", "sine"], "--problem needs --solve"),
         (["squares:n=4", "--solve", "nosuch"], "no solver is named 'nosuch'"),
         (["squares:n=4", "--solve", "fluxes:degree=2"], "has no option 'degree'"),
         (["boxes:n=2", "--solve", "fluxes"], "cell values are for the plane"),

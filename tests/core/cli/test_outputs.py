@@ -135,7 +135,7 @@ def test_a_result_that_fails_costs_neither_table_nor_picture(
 def test_a_metric_that_fails_costs_no_hierarchy(agglo: Agglo, breakable: None) -> None:
     code, out, err = agglo("run", "squares:n=8", "--metrics", "moody", "-o", "a.npz", "--parts", "4")
     assert (code, out, levels("a.npz")) == (2, "", 1)
-    assert "warning: a.npz is written, but could not be measured" in err
+    assert "warning: a.npz was written, but could not be measured" in err
     assert "after an hour" in err.splitlines()[-1]
 
 
@@ -214,7 +214,7 @@ def test_without_matplotlib_a_run_goes_on(agglo: Agglo, monkeypatch: pytest.Monk
     assert "4 parts" in out
     first, *_, last = err.splitlines()
     assert first.startswith(
-        "warning: --plot needs matplotlib, which is not installed: pip install 'agglo[plot]'"
+        "warning: skipping --plot, which needs matplotlib: pip install 'agglo[plot]'"
     )
     assert last.startswith('error: a.png: drawing needs matplotlib: pip install "agglo[plot]"')
 
@@ -224,11 +224,11 @@ def test_explode_is_for_pictures_of_solids(agglo: Agglo) -> None:
     run = ["run", "boxes:n=2", "--bisector", "inertial", "--parts", "2"]
     assert agglo(*run, "--plot", "a.png", "--explode", "1.5").code == 0
     said = agglo(*run, "--explode", "1")
-    assert (said.code, "--explode is for --plot" in said.err) == (2, True)
+    assert (said.code, "--explode needs --plot" in said.err) == (2, True)
     said = agglo(*run, "--plot", "b.png", "--explode", "11")
     assert (said.code, "at least 0 and at most 10" in said.err) == (2, True)
     said = agglo("run", "squares:n=2", "--plot", "b.png", "--explode", "1")
-    assert (said.code, "--explode is for solids; squares 2x2 is 2-D" in said.err) == (2, True)
+    assert (said.code, "--explode applies to 3-D meshes; squares 2x2 is 2-D" in said.err) == (2, True)
     assert not Path("b.png").exists()
 
 
@@ -243,7 +243,7 @@ def test_what_can_be_known_is_refused_before_a_run(agglo: Agglo, monkeypatch: py
 
 def test_coarse_meshes_beside_a_file_are_told_of(agglo: Agglo) -> None:
     _, out, _ = agglo("run", "squares:n=4", "--parts", "4,2", "-o", "a.vtu")
-    assert "wrote a.vtu, and 2 coarse meshes beside it from a_level0.vtu on" in " ".join(out.split())
+    assert "wrote a.vtu, and 2 coarse meshes in the same folder, starting with a_level0.vtu" in " ".join(out.split())
     _, out, _ = agglo("run", "squares:n=4", "--parts", "4", "-o", "a.npz")
     assert out.endswith("wrote a.npz\n")
 

@@ -46,8 +46,8 @@ def test_bounds_on_weights(agglo: Agglo, tmp_path):
 
 def test_what_cannot_be_read_as_a_rule(agglo: Agglo):
     for words, message in (
-        (("--metric-tensor", "1,2,3"), "is not a comma list of 4 or 9 numbers"),
-        (("--regions", "a,,b"), "is not a comma list of tags"),
+        (("--metric-tensor", "1,2,3"), "is not a comma-separated list of 4 or 9 numbers"),
+        (("--regions", "a,,b"), "is not a comma-separated list of tags"),
         (("--min-weight", "0"), "--min-weight"),
         (("--max-cells", "0"), "expected a whole number of at least 1"),
         (("--balance", "area"), "'cells', 'measure', 'weights'"),

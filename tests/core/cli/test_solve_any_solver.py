@@ -100,7 +100,7 @@ def test_files_and_pictures_of_a_stranger(agglo: Agglo) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--solver", "bare", "-o", "u.vtu"], "bare does not say what its unknowns mean: -o and --plot are"),
+        (["--solver", "bare", "-o", "u.vtu"], "bare has no discretisation to interpret its unknowns"),
         (["--solver", "fluxes", "--degree", "2"], "has no option 'degree'; accepted: tolerance, most"),
         (
             ["--solver", "fluxes", "--problem", "ring"],
@@ -127,7 +127,7 @@ def test_files_and_pictures_of_a_stranger(agglo: Agglo) -> None:
             ["--problem", "diffusion:neumann=1"],
             "neumann must be a mapping from boundary tags to data; given 1",
         ),
-        (["--problem", "system.toml", "-o", "u.vtu"], "unknowns of a problem of kind linear mean: -o and"),
+        (["--problem", "system.toml", "-o", "u.vtu"], "unknowns of problem kind linear: -o and"),
     ],
 )
 def test_what_does_not_fit_is_one_line(agglo: Agglo, arguments: list[str], message: str) -> None:
@@ -311,7 +311,7 @@ main()
     done = run("squares:n=4")
     assert (done.returncode, done.stdout) == (2, "")
     assert "no solver is named 'polydg_mg'; available: " in done.stderr
-    assert "blocked by AGGLO_BLOCK; choose another one by --solver" in done.stderr
+    assert "blocked by AGGLO_BLOCK; choose another component with --solver" in done.stderr
     assert "converged after" in run("squares:n=4", "--solver", "fluxes", "--parts", "4").stdout
 
 

@@ -102,7 +102,7 @@ def test_cells_of_unequal_numbers_of_unknowns(tmp_path: Path) -> None:
         (
             "bare",
             "s.npz",
-            "bare does not say what the unknowns of a problem of kind diffusion mean: --write-sy",
+            "bare has no discretisation to interpret the unknowns of problem kind diffusion: --write-sy",
         ),
     ],
 )
