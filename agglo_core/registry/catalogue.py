@@ -83,7 +83,7 @@ class Registry:
             If a plugin with this name and distribution is already registered.
         """
         if any(p.name == name and p.distribution == distribution for p in self._plugins):
-            raise PluginError(f"a plugin {name!r} is registered already; unregister it first")
+            raise PluginError(f"a plugin {name!r} is already registered; unregister it first")
         origin = Record(None, name, distribution, version)
         if name in self._blocked:
             self._add(origin, plugin, [], self._blocked[name])
@@ -169,7 +169,7 @@ class Registry:
         candidates = [r for r in records if r.declared] or records
         if len(candidates) > 1 and qualifier:
             raise PluginError(
-                f"{kind} {name!r} may be {' or '.join(map(describe, candidates))}: unregister one"
+                f"{kind} {name!r} is ambiguous: {' or '.join(map(describe, candidates))}; unregister one"
             )
         if candidates:
             return candidates[0]
@@ -191,7 +191,7 @@ class Registry:
                 with contain_loading(f"plugin {watcher.plugin_name!r}"):
                     watcher.function(*(info for _ in watcher.argnames))
             except LoadingError as error:
-                message = "plugin %r stopped watching: agglo_level_done() raised %s"
+                message = "plugin %r is not called any more: agglo_level_done() raised %s"
                 logging.getLogger("agglo").warning(message, watcher.plugin_name, error)
                 detach(self._manager, watcher.plugin)
 
@@ -205,7 +205,7 @@ class Registry:
         names = {entry.name for entry in entries}
         for unknown in sorted((blocked | only) - names):
             logging.getLogger("agglo").warning(
-                "AGGLO_BLOCK or AGGLO_ONLY names %r, which is not an installed plugin", unknown
+                "AGGLO_BLOCK or AGGLO_ONLY lists %r, which is not an installed plugin", unknown
             )
         for name in sorted(names):
             if name in blocked:

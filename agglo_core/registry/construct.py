@@ -36,7 +36,7 @@ def resolve(record: Record) -> Any:
         raise PluginError(f"{describe(record)} cannot be used: {unusable(record)}")
     declared = record.component or record.command
     if declared is None:
-        raise PluginError(f"{describe(record)} declares nothing that could be built")
+        raise PluginError(f"{describe(record)} declares no target to build")
     module, _, attribute = declared.target.partition(":")
     target = vars(sys.modules[module]).get(attribute) if module in sys.modules else None
     if target is not None:  # usually already imported: no plugin code runs
@@ -109,7 +109,9 @@ def _check_built(record: Record, built: Any) -> None:
     kind = KINDS[record.kind]
     if kind.methods and not any(callable(getattr(built, method, None)) for method in kind.methods):
         expected = " or ".join(f"{method}(…)" for method in kind.methods)
-        raise PluginError(f"{describe(record)} built {shown(built)}, which has no method {expected}")
+        raise PluginError(
+            f"{describe(record)} built {shown(built)}, expected an object with a method {expected}"
+        )
     for name, type_ in kind.attributes.items():
         try:
             value = getattr(built, name, None)

@@ -57,7 +57,7 @@ def restore_folder(what: str) -> Iterator[None]:
     finally:
         if home and _folder() != home:
             os.chdir(home)
-            logging.getLogger("agglo").warning("%s changed the current folder; changed back", what)
+            logging.getLogger("agglo").warning("%s changed the current folder; it was changed back", what)
 
 
 def _folder() -> str:

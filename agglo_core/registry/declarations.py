@@ -130,13 +130,13 @@ def faults(declared: Component | Command) -> Iterator[str]:
     if isinstance(declared, Component):
         yield from _component_faults(declared)
     elif not isinstance(declared.name, str) or not _COMMAND.fullmatch(declared.name):
-        yield f"command name {shown(declared.name)} is not made of lower-case letters, digits, '-' and '_'"
+        yield f"command name {shown(declared.name)} may only contain lower-case letters, digits, '-' and '_'"
 
 
 def _component_faults(component: Component) -> Iterator[str]:
     """Yield the faults of a declared component as sentences."""
     if component.kind not in KINDS:
-        yield f"kind {shown(component.kind)} is not known; accepted: {', '.join(KINDS)}"
+        yield f"unknown kind {shown(component.kind)}; accepted: {', '.join(KINDS)}"
     name = component.name
     if not isinstance(name, str) or not _NAME.fullmatch(name) or name.lower() == "none":
         yield f"name {shown(name)} is not an identifier (a-z, A-Z, 0-9, '_'; 'none' means no component)"
@@ -146,13 +146,13 @@ def _component_faults(component: Component) -> Iterator[str]:
         yield f"requires {shown(requires)} is not a tuple of module names"
     else:
         yield from (
-            f"requires {shown(r)}, which is not a module as in 'import NAME'; versions belong into the "
-            "dependencies of the distribution"
+            f"requires {shown(r)}, expected a module name as in 'import NAME'; declare "
+            "versions in the dependencies of the distribution"
             for r in requires
             if not _MODULE.fullmatch(r)
         )
     if component.fallback is not None and component.kind != "bisector":
-        yield "fallback is for bisectors only"
+        yield "fallback applies to bisectors only"
     if not isinstance(component.fallback, str | None):
         yield f"fallback {shown(component.fallback)} is not the name of a bisector"
     yield from _suffix_faults(component)
@@ -163,7 +163,7 @@ def _component_faults(component: Component) -> Iterator[str]:
         return
     for promise, value in component.promises.items():
         if promise not in PROMISES:
-            yield f"promise {shown(promise)} is not known; accepted: {', '.join(PROMISES)}"
+            yield f"unknown promise {shown(promise)}; accepted: {', '.join(PROMISES)}"
         elif not isinstance(value, bool | int | float):
             yield f"promise {promise!r} is {shown(value)}, expected a bool or a number"
 
@@ -174,15 +174,15 @@ def _suffix_faults(component: Component) -> Iterator[str]:
         yield f"suffixes {shown(suffixes)} is not a tuple such as ('.vtu',)"
         return
     if suffixes and component.kind != "format":
-        yield "suffixes are for formats only"
+        yield "suffixes applies to formats only"
     for suffix in suffixes:
         if not is_suffix(suffix):
-            yield f"its suffix {shown(suffix)} is not of the form: lower case after a dot, such as '.vtu'"
+            yield f"suffix {shown(suffix)} must be lower case after a dot, such as '.vtu'"
 
 
 def _magic_faults(component: Component) -> Iterator[str]:
     if component.magic and not component.suffixes:
-        yield "magic is for formats that declare their suffixes"
+        yield "magic applies to formats with declared suffixes only"
     try:
         re.compile(component.magic.encode("latin-1"))
     except (AttributeError, UnicodeEncodeError, re.error) as error:

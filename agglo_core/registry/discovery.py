@@ -72,7 +72,7 @@ def attach(manager: pluggy.PluginManager, plugin: object, key: str) -> tuple[lis
     A broken plugin does not stay registered, so none of its hooks will be called.
     """
     if manager.is_registered(plugin):
-        return [], f"it is the same object as plugin {manager.get_name(plugin)!r}"
+        return [], f"the object is already registered as plugin {manager.get_name(plugin)!r}"
     try:
         with contain_loading(f"plugin {key}"):
             problem = _find_hook_fault(manager, plugin)
@@ -106,11 +106,11 @@ def _find_hook_fault(manager: pluggy.PluginManager, plugin: object) -> str:
         if hook not in _HOOKS and not (marks and marks.get("optionalhook")):
             close = difflib.get_close_matches(hook, _HOOKS, n=1)
             hint = f" (did you mean {close[0]!r}?)" if close else ""
-            return f"hook {hook!r} is not known{hint}; accepted: {', '.join(_HOOKS)}"
+            return f"unknown hook {hook!r}{hint}; accepted: {', '.join(_HOOKS)}"
         if marks is None:
             return f"{hook} is not marked with @hookimpl (from agglo_core import hookimpl)"
         n_hooks += 1
-    return "" if n_hooks else f"it implements no hook; accepted: {', '.join(_HOOKS)}"
+    return "" if n_hooks else f"no hook is implemented; accepted: {', '.join(_HOOKS)}"
 
 
 def _collect_declarations(

@@ -53,7 +53,7 @@ _OF_PARTS = ("general", "multigrid_parts", "whole", "calls", "promises")
 _RECORDS = (
     Kind(
         "bisector",
-        "splits a piece in two, or a graph in k parts",
+        "splits a piece in two, or a graph into k parts",
         ("bisect_level", "bisect", "partition"),
         (*_ON_GRAPHS, "connected", "balanced", "kway"),
         ("general", "bisector", *_ON_LEVELS),
@@ -82,14 +82,14 @@ _RECORDS = (
     ),
     Kind(
         "solver",
-        "solves a problem with the help of a hierarchy",
+        "solves a problem with multigrid on a hierarchy",
         ("solve",),
         ("deterministic", "3d", "pickles", "symmetric"),
         ("general", "solver", "solver_exact", *_ON_LEVELS),
     ),
     Kind(
         "format",
-        "reads a mesh from a file, and may write one",
+        "reads a mesh from a file, and optionally writes one",
         ("read",),
         ("3d", "pickles"),
         ("general", "file_format", "whole", "calls", "promises"),
@@ -119,7 +119,7 @@ _RECORDS = (
     ),
     Kind(
         "smoother",
-        "damps the rough part of the error on one level of a multigrid method",
+        "damps the rough part of the error on a multigrid level",
         ("setup",),
         ("deterministic", "pickles", "symmetric"),
         ("general", "whole", "smoother", "calls", "promises", "runs"),

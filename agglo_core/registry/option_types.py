@@ -18,7 +18,7 @@ _WORDS_OF: dict[Any, str] = {
     bool: "true or false",
     int: "a whole number",
     float: "a number",
-    str: "a text",
+    str: "text",
     Path: "a path",
     type(None): "none",
     None: "none",

@@ -113,7 +113,7 @@ def name_and_options(kind: str, choice: tuple[Any, ...]) -> tuple[str, Mapping[s
     """Return a choice of the form ``(name, options)``, or raise OptionError."""
     if len(choice) == 2 and isinstance(choice[0], str) and isinstance(choice[1], Mapping):
         return choice[0], choice[1]
-    raise OptionError(f"a {kind} is a name, (name, options) or an object, not {shown(choice)}")
+    raise OptionError(f"a {kind} must be a name, (name, options) or an object, given {shown(choice)}")
 
 
 def convert(option: Option, value: Any, owner: str) -> Any:
@@ -127,8 +127,9 @@ def convert(option: Option, value: Any, owner: str) -> Any:
     """
     if names_code(option.type) and is_written(value):
         raise OptionError(
-            f"{option.name} of {owner} names code that would be imported and run, {value!r:.80}, and comes "
-            "from a file; if you trust that file, allow it: --allow-code, or allow_code=True in Python"
+            f"{option.name} of {owner} comes from a file and names code to import and run, "
+            f"{value!r:.80}; if you trust the file, allow it with --allow-code, or "
+            "allow_code=True in Python"
         )
     fits, result = fit(option.type, value)
     if fits:

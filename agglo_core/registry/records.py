@@ -194,7 +194,7 @@ def _resolve_conflict(record: Record, rivals: list[Record]) -> Record:
         return record
     owners = [rival for rival in rivals if rival.in_tree] or rivals
     if record.command is not None and not record.in_tree and record.name in CORE_COMMANDS:
-        reason = "the name is reserved for agglo's own command"
+        reason = "the name is reserved for a built-in command of agglo"
     elif owners == [record]:
         return record
     elif record in owners:

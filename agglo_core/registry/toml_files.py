@@ -36,7 +36,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise FileError(f"{path}: is not valid TOML: {error}") from None
     except ValueError:  # tomllib has no separate error class for this
-        raise FileError(f"{path}: a number in it has too many digits") from None
+        raise FileError(f"{path}: a number has too many digits") from None
 
 
 def _text(path: Path) -> str:
@@ -53,7 +53,9 @@ def _text(path: Path) -> str:
     except UnicodeDecodeError as error:
         byte = error.object[error.start]
         line = error.object.count(b"\n", 0, error.start) + 1
-        raise FileError(f"{path}: byte 0x{byte:02x} in line {line} is not UTF-8, as TOML must be") from None
+        raise FileError(
+            f"{path}: byte 0x{byte:02x} in line {line} is not UTF-8, as required by TOML"
+        ) from None
 
 
 def _show_integers(value: Any) -> None:

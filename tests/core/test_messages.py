@@ -25,7 +25,7 @@ TOML: dict[str, tuple[bytes, str]] = {
     "tables in tables": (b"a = " + b"{a=" * DEEP, "its lists or tables are nested too deeply"),
     "not UTF-8": (b"seed = 1\nbisector = '\xff'\n", "byte 0xff in line 2 is not UTF-8"),
     "not TOML": (b"seed = = 1\n", "is not valid TOML: Invalid value (at line 1"),
-    "too many digits": (b"seed = " + b"9" * 5000, "a number in it has too many digits"),
+    "too many digits": (b"seed = " + b"9" * 5000, "a number has too many digits"),
     "a seed that is no integer": (b"seed = 1.5", "seed must be an integer in 0..2^63 − 1, given 1.5"),
     "a large seed": (b"seed = " + b"9" * 30, "seed must be an integer in 0..2^63 − 1, given 999"),
     "a size that is no number": (b'h_star = "big"', "h_star must be positive and finite, given 'big'"),

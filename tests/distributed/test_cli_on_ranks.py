@@ -105,7 +105,7 @@ def test_one_process_makes_the_same_parts_where_ranks_do_not_matter(agglo: Agglo
 REFUSED = {
     ("compare", "squares:n=4"): "agglo compare works in one process, but 2 processes were",
     ("run", "squares:n=4", "--plot", "a.png", "--report", "b.html"): "--plot and --report cannot be used",
-    ("run", "squares:n=4", "-o", "out.vtu"): "out.vtu: what lies on several ranks is written as .pvtu",
+    ("run", "squares:n=4", "-o", "out.vtu"): "out.vtu: distributed meshes and solutions are written as .pvtu",
     ("run", "nowhere.vtu"): "'nowhere.vtu' is neither a file",
     ("run", "squares:n=4", "--parts", "x"): "Invalid value for '--parts'",
     ("solve", "squares:n=4"): "the solver polydg_mg works in one process, but 2 processes were",

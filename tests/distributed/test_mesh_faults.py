@@ -100,7 +100,7 @@ def hanging(ranks: Ranks) -> None:
         ids = np.arange(len(points))
         return lambda: DistributedMesh.from_local(ranks, points, own, ids, **more)
 
-    message = r"faces of cell \d \(rank \d\) and cell \d \(rank \d\) lie on one another, but"
+    message = r"faces of cell \d \(rank \d\) and cell \d \(rank \d\) coincide in part but"
     plane = [*SQUARE, [2, 0], [2, 0.5], [1, 0.5], [2, 1]]
     small = [[1, 4, 5, 6], [6, 5, 7, 2]]
     refused(ranks, None, message, given(plane, [[0, 1, 2, 3], *small]))
@@ -160,7 +160,9 @@ def faces(ranks: Ranks) -> None:
         gate = crossed(*values)
         gate.check()
         assert gate.local.face_tags["gate"].sum() == (7 if ranks.rank < 2 else 0)
-    refused(ranks, None, r"cell 0 \(rank 0\) and cell 1 \(rank 1\) differ in a tag", lambda: crossed(7, 8, 0))
+    refused(
+        ranks, None, r"cell 0 \(rank 0\) and cell 1 \(rank 1\) have different tags", lambda: crossed(7, 8, 0)
+    )
     diagonal = {"gate": ([[0, 2]], [1])} if ranks.rank == 1 else None
     refused(
         ranks,
@@ -180,7 +182,7 @@ def values(ranks: Ranks, mesh: DistributedMesh) -> None:
     refused(
         ranks,
         None,
-        r"values of a cell have shape \(2,\) on rank 0, \(3,\) on rank 2",
+        r"values per cell have shape \(2,\) on rank 0, \(3,\) on rank 2",
         lambda: mesh.exchange(wide),
     )
     mixed = mesh.exchange(np.full(len(own), 0.5) if ranks.rank == 1 else np.full(len(own), 2))
@@ -200,10 +202,10 @@ def values(ranks: Ranks, mesh: DistributedMesh) -> None:
     refused(
         ranks,
         holder,
-        f"cell {last} shall go to rank 3, but there are 3",
+        f"cell {last} has destination rank 3, but there are 3",
         lambda: mesh.redistributed(np.where(own == last, 3, 0)),
     )
-    refused(ranks, 0, "rank 0 must have a mesh", lambda: DistributedMesh.scatter(None, ranks), OptionError)
+    refused(ranks, 0, "rank 0 has no mesh", lambda: DistributedMesh.scatter(None, ranks), OptionError)
 
 
 def laws(ranks: Ranks, mesh: DistributedMesh) -> None:
@@ -228,10 +230,10 @@ def laws(ranks: Ranks, mesh: DistributedMesh) -> None:
     stolen = at(at(mesh.owners, first, 1), mesh.own[0], 0)
     refused(ranks, None, "cell id .* is given 2 times", changed(owners=stolen))
     elsewhere = changed(owners=at(mesh.owners, first, 2 - mesh.owners[first]))
-    refused(ranks, None, "rank .: cells .* share a face that rank . does not know", elsewhere)
+    refused(ranks, None, "rank .: cells .* share a face that is missing on rank", elsewhere)
     tags = {"rock": at(local.cell_tags["rock"], first, 99)}
     name = ranks.gathered(ghost)[1]
-    refused(ranks, None, f"rank 1: cell {name} has another tag 'rock'", altered(cell_tags=tags))
+    refused(ranks, None, f"rank 1: cell {name} has a tag 'rock' that differs", altered(cell_tags=tags))
     corner = local.face_vertices[local.face_offsets[np.flatnonzero(local.face_cells[:, 0] == first)[-1]]]
     refused(
         ranks,

@@ -91,7 +91,7 @@ FAULTS = {
     "full": ["RankError: rank 1: FileError: plane/plane_1.vtu: File too large", "FileError: plane/plane_1"],
     "stopped": ["RankError: rank 1: KeyboardInterrupt: ", "KeyboardInterrupt: "],
     "no folder": ["FileError: /nowhere/plane.pvtu: the folder /nowhere does not exist"] * 2,
-    "suffix": ["OptionError: /plane.vtu: what lies on several ranks is written as .pvtu"] * 2,
+    "suffix": ["OptionError: /plane.vtu: distributed meshes and solutions are written as .pvtu"] * 2,
     "a folder": ["FileError: /plane.pvtu: is a folder", "FileError: /plane.pvtu: is a folder"],
     "in the way": ["FileError: /plane.pvtu: /plane: exists and is not a folder", "RankError: rank 0: FileE"],
 }

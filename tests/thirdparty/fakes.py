@@ -103,7 +103,7 @@ _UNLOADABLE = (
         "misspelt",
         _declares(_component("misspelt"), hook="agglo_component"),
         "broken",
-        "hook 'agglo_component' is not known (did you mean 'agglo_components'?)",
+        "unknown hook 'agglo_component' (did you mean 'agglo_components'?)",
         uses=_use("misspelt", "did you mean 'agglo_components'?"),
     ),
     Fake(
@@ -124,9 +124,9 @@ _UNLOADABLE = (
         "vain",
         _declares(_component("vain", more="promises={'best': True}")),
         "broken",
-        "promise 'best' is not known; accepted: deterministic",
+        "unknown promise 'best'; accepted: deterministic",
         _WORKS,
-        _use("vain", "promise 'best' is not known"),
+        _use("vain", "unknown promise 'best'"),
     ),
     Fake(
         "needy",
@@ -146,7 +146,7 @@ _CLASHING = (
         "runner",
         _declares("Command('run', 'agglo_runner.code:run')", hook="agglo_commands"),
         "conflict",
-        "the name is reserved for agglo's own command; use 'runner/run'",
+        "the name is reserved for a built-in command of agglo; use 'runner/run'",
         "import click\n\n@click.command()\ndef run():\n    click.echo('mine')\n",
     ),
     *(
@@ -193,7 +193,9 @@ MISBEHAVING = (
         _declares(_component("methodless")),
         "ok",
         code="class Part: ...",
-        uses=_use("methodless", "has no method bisect_level(…) or bisect(…) or partition(…)"),
+        uses=_use(
+            "methodless", "expected an object with a method bisect_level(…) or bisect(…) or partition(…)"
+        ),
     ),
     Fake("gone", _declares(_component("gone")), "ok", uses=_use("gone", "AttributeError")),
 )

@@ -65,7 +65,7 @@ REASONS = {
     "painter": r"contains control characters",
     "wide": "is not an identifier",
     "cyrillic": "is not an identifier",
-    "versioned": "requires 'numpy>=99', which is not a module as in 'import NAME'",
+    "versioned": "requires 'numpy>=99', expected a module name as in 'import NAME'",
 }
 
 
@@ -156,7 +156,7 @@ def test_a_plugin_that_leaves_the_folder_is_brought_back(site: Path, tmp_path: P
     done = agglo(site, tmp_path, *run)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out.npz").exists()
-    assert "plugin wanderer (agglo-wanderer) changed the current folder; changed back" in done.stderr
+    assert "plugin wanderer (agglo-wanderer) changed the current folder; it was changed back" in done.stderr
     assert "bisector 'wanderer' (plugin 'wanderer', distribution agglo-wanderer 0.1) changed" in done.stderr
 
 

@@ -91,7 +91,7 @@ def test_repairs_are_counted_and_never_silent(answers: Mapping[str, Answer]) -> 
 
 
 def test_a_watcher_that_raises_is_named(answers: Mapping[str, Answer]) -> None:
-    assert "plugin 'heckler (agglo-heckler)' stopped watching" in answers[WORKING["the default"]].err
+    assert "plugin 'heckler (agglo-heckler)' is not called any more" in answers[WORKING["the default"]].err
 
 
 def test_a_command_whose_name_is_taken_has_another(answers: Mapping[str, Answer]) -> None:

@@ -47,11 +47,11 @@ def means(
 
 def _refuse_unknown(member: Member) -> None:
     if not getattr(member.tool, "shape_only", False):
-        raise OptionError(
-            f"{member.title} looks at the cells inside of parts, which may lie on several ranks"
-        )
+        raise OptionError(f"{member.title} depends on the cells inside parts, which may span several ranks")
     if getattr(member.tool, "relative", False) and not isinstance(member.tool, UniformityFactor):
-        raise OptionError(f"{member.title} compares parts with one another, which lie on several ranks")
+        raise OptionError(
+            f"{member.title} compares parts that are on several ranks; across ranks only UF can"
+        )
 
 
 def _values(coarse: DistributedMesh, member: Member, largest: float) -> Float:

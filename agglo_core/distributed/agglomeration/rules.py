@@ -85,7 +85,8 @@ def evaluate_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Regis
                 pairs.append(member.tool.pairs)
             elif any(callable(getattr(member.tool, name, None)) for name in _OF_PARTS):
                 raise OptionError(
-                    f"{member.title} asks something of whole parts; across ranks only bounds and barriers do"
+                    f"{member.title} applies to whole parts; across ranks only bounds and "
+                    "barriers are supported"
                 )
             forbidden |= forbidden_by(member, graph)
     with ranks.together():

@@ -51,9 +51,9 @@ def mesh_of_pieces(stored: Stored, file: Path, ranks: Ranks, *, allow_gaps: bool
     reports = ranks.gathered(None if own_piece is None else _facts(own_piece))
     facts = [fact for fact in reports if fact is not None]
     if not facts:
-        raise MeshError(f"{file}: the mesh is empty: none of its pieces has a cell")
+        raise MeshError(f"{file}: the mesh is empty: none of its pieces has cells")
     if len({fact.dim for fact in facts}) > 1:
-        raise MeshError(f"{file}: some of its pieces are plane, others are solid")
+        raise MeshError(f"{file}: some of its pieces are 2-D, others 3-D")
     # Join by point ids if all pieces have point ids, else by coordinates.
     tags = [name for name in facts[0].cell_tags if all(name in fact.cell_tags for fact in facts)]
     with ranks.together(), name_in_errors(file):
@@ -117,9 +117,9 @@ def _own_cells(stored: Stored, name: str, *, allow_gaps: bool) -> _Own | None:
     mesh = mesh_of_soup(soup, ghosts, stored.left_out, name=name, **options)
     if not (allow_gaps or merge) and mesh.conforming(merge_points=False).n_faces != mesh.n_faces:
         raise FileError(
-            "outer faces of its pieces lie on one another, but global ids say that their points are not the "
-            "same: either they are to stay apart (allow_gaps=True), or rank 0 reads the file with "
-            "agglo.read, which joins them, and shares the mesh out"
+            "outer faces of its pieces coincide, but their points have different global "
+            "ids: to keep them separate pass allow_gaps=True; to join them, read the file "
+            "on rank 0 with agglo.read and distribute the mesh"
         )
     point_ids = None if soup.point_ids is None else _of_used_points(soup, mesh)
     return _Own(mesh, point_ids, soup.cell_ids)
@@ -131,7 +131,9 @@ def _of_used_points(soup: Soup, mesh: Mesh) -> Int:
     used[soup.vertices] = used[soup.solids.vertices] = True
     places = np.flatnonzero(used)
     if not np.array_equal(soup.points[places, : mesh.dim], mesh.points):
-        raise FileError("points of lines or faces are not those of cells: global ids cannot be told")
+        raise FileError(
+            "points of lines or faces differ from those of the cells, so global ids cannot be determined"
+        )
     assert soup.point_ids is not None
     return frozen_int(soup.point_ids[places])
 

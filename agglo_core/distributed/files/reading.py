@@ -80,7 +80,7 @@ def _share_pieces(file: Path, size: int) -> list[list[str]]:
     """Return the pieces per rank."""
     sources = sources_of(file_bytes(file))
     if not sources:
-        raise FileError("there is no Piece in it")
+        raise FileError("it contains no Piece")
     rank = _ranks_of([_bytes(file.parent / source) for source in sources], size)
     return [[sources[i] for i in np.flatnonzero(rank == each)] for each in range(size)]
 

@@ -38,7 +38,10 @@ def shared_staging(path: Path, ranks: Ranks) -> Iterator[Path]:
         folder: Path = ranks.from_first(own_folder)  # type: ignore[assignment]
         with ranks.together(), name_in_errors(path):
             if not folder.is_dir():
-                raise FileError("the folder is not that of rank 0: all ranks write to one file system")
+                raise FileError(
+                    "this rank does not see the folder that rank 0 created: all ranks must "
+                    "write to one file system"
+                )
         if ranks.rank > 0:
             stages.enter_context(_remove_if_interrupted(folder))
         yield folder

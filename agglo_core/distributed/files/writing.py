@@ -97,9 +97,11 @@ def write(
 def check_parallel_target(target: Path) -> None:
     """Raise OptionError or FileError unless a list of pieces can be written there."""
     if target.suffix.lower() != ".pvtu":
-        raise OptionError(f"{target}: what lies on several ranks is written as .pvtu, not {target.suffix!r}")
+        raise OptionError(
+            f"{target}: distributed meshes and solutions are written as .pvtu, given {target.suffix!r}"
+        )
     if target.is_dir():
-        raise FileError(f"{target}: is a folder, expected a file name")
+        raise FileError(f"{target} is a folder, expected a file name")
     if not target.parent.is_dir():
         raise FileError(f"{target}: the folder {target.parent} does not exist")
     with name_in_errors(target):
@@ -160,4 +162,4 @@ def _remove_stale(target: Path, size: int, levels: int | None) -> None:
             if is_stale or is_current:
                 remove_pieces(target.parent / file.stem, 0 if is_stale else size)
         except OSError as error:  # the mesh and its levels are complete, so only warn
-            _log.warning("cannot remove what an earlier writing left of %s: %s", file, error.strerror)
+            _log.warning("cannot remove old files of %s: %s", file, error.strerror)

@@ -120,7 +120,7 @@ class CellValues:
         for rank, other_shape, _ in kinds_by_rank:
             if other_shape != shape:
                 raise MeshError(
-                    f"values of a cell have shape {shape} on rank {first}, {other_shape} on rank {rank}"
+                    f"values per cell have shape {shape} on rank {first}, {other_shape} on rank {rank}"
                 )
         dtype = np.result_type(*(kind for _, _, kind in kinds_by_rank))
         return array.astype(dtype, copy=False) if n else np.empty((0, *shape), dtype)

@@ -39,7 +39,7 @@ def check_laws(own: WholeCells, known: Int, owners: Int, held: LocalMesh, n_cell
     faults = [_border(own, part, int(part.owners[0]), ranks.rank) for part in parts]
     partners = [-1, ranks.rank, *(int(part.owners[0]) for part in parts)]
     silent = [rank for rank in distinct(own.face_owners).tolist() if rank not in partners]
-    faults += [f"rank {rank} does not know that its cells have neighbours there" for rank in silent]
+    faults += [f"rank {rank} has no border faces for its neighbours on this rank" for rank in silent]
     refuse_all(ranks, next((f"{rank_name}: {fault}" for fault in faults if fault), None))
     # Ghosts are the true neighbours, with the geometry and tags of their owners.
     whole = merge_cells([own, *parts])
@@ -58,13 +58,13 @@ def _border(cells: WholeCells, part: WholeCells, sender: int, rank: int) -> str 
     if len(unmatched):
         side, elsewhere = (own_side, sender) if unmatched[0] in own_side.faces else (other_side, rank)
         a, b = side.face_cells[np.searchsorted(side.faces, unmatched[0])].tolist()
-        return f"cells {a} and {b} share a face that rank {elsewhere} does not know"
+        return f"cells {a} and {b} share a face that is missing on rank {elsewhere}"
     for name in ("face_offsets", "face_vertices", "face_cells", "face_owners", "points", "coordinates"):
         if not np.array_equal(getattr(own_side, name), getattr(other_side, name)):
-            return f"{name} between its cells and those of rank {sender} differ there"
+            return f"{name} between its cells and those of rank {sender} differ on that rank"
     for name, values in own_side.face_tags.items():
         if not np.array_equal(values, other_side.face_tags[name]):
-            return f"face tag {name!r} between its cells and those of rank {sender} differs there"
+            return f"face tag {name!r} between its cells and those of rank {sender} differs on that rank"
     return None
 
 
@@ -73,11 +73,11 @@ def _same_cells(ids: Int, owners: Int, whole: WholeCells) -> str | None:
     if len(missing):
         return f"cell {missing[0]} is missing among the ghosts"
     if len(surplus):
-        return f"cell {surplus[0]} is no neighbour of an own cell"
+        return f"ghost cell {surplus[0]} is not a neighbour of an own cell"
     wrong = np.flatnonzero(owners != whole.owners)
     if len(wrong):
         cell, listed_owner, owner = (int(array[wrong[0]]) for array in (ids, owners, whole.owners))
-        return f"cell {cell} is said to be on rank {listed_owner}, but is on rank {owner}"
+        return f"cell {cell} is listed on rank {listed_owner}, but is on rank {owner}"
     return None
 
 
@@ -87,14 +87,16 @@ def _same_mesh(local: LocalMesh, expected: LocalMesh, ids: Int) -> str | None:
     for name, values in truth.cell_tags.items():
         wrong = np.flatnonzero(mesh.cell_tags[name] != values)
         if len(wrong):
-            return f"cell {ids[wrong[0]]} has another tag {name!r} than on its owner's rank"
+            return f"cell {ids[wrong[0]]} has a tag {name!r} that differs from its owner's"
     if not np.array_equal(mesh.face_offsets, truth.face_offsets):
-        return f"there are {mesh.n_faces} faces, but the cells have {truth.n_faces}, or not of these sizes"
+        return (
+            f"the mesh has {mesh.n_faces} faces, but the cells have {truth.n_faces}, or faces of other sizes"
+        )
     differ = (mesh.face_cells != truth.face_cells).any(axis=1) | (local.hidden != expected.hidden)
     for name, values in truth.face_tags.items():
         differ |= mesh.face_tags[name] != values
     moved_points = (mesh.points[mesh.face_vertices] != truth.points[truth.face_vertices]).any(axis=1)
     differ[np.repeat(np.arange(mesh.n_faces), np.diff(mesh.face_offsets))[moved_points]] = True
     if differ.any():
-        return f"a face of cell {ids[truth.face_cells[np.argmax(differ), 0]]} is not as on its owner's rank"
+        return f"a face of cell {ids[truth.face_cells[np.argmax(differ), 0]]} differs from its owner's"
     return None

@@ -270,7 +270,7 @@ class DistributedMesh(CellValues):
             first, last = ends[self.ranks.rank : self.ranks.rank + 2]
             if last - first > len(coarse.own):
                 missing = np.setdiff1d(np.arange(first, last), coarse.global_ids[coarse.own])[0]
-                raise MeshError(f"labels leave gaps: no cell is labelled {missing} (of 0..{ends[-1] - 1})")
+                raise MeshError(f"labels have gaps: no cell has label {missing} (of 0..{ends[-1] - 1})")
         return coarse
 
     def redistributed(self, rank_of_own_cell: ArrayLike) -> DistributedMesh:

@@ -53,7 +53,7 @@ def join_across_ranks(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
             together = _close_faces(trusted_copy(mesh, cell_tags={}), shut).conforming(merge_points=True)
         except MeshError as error:
             raise MeshError(
-                f"{error} (cells are counted on this rank, with those of others beside)"
+                f"{error} (cell numbers count the cells of this rank and nearby cells of other ranks)"
             ) from None
         return _cells_of(together, own, whole, is_own)
 

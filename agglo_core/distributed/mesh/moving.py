@@ -24,7 +24,9 @@ def check_bounds(labels: NDArray[Any], bounds: NDArray[Any], cells: Int, ranks: 
     with ranks.together():
         n, kinds = ranks.size + 1, "iu"
         if bounds.shape != (n,) or bounds.dtype.kind not in kinds or bounds[0] or (np.diff(bounds) < 0).any():
-            raise MeshError(f"bounds must be {n} integers that rise from 0, given {bounds.tolist()}")
+            raise MeshError(
+                f"bounds must be {n} nondecreasing integers starting with 0, given {bounds.tolist()}"
+            )
         if first != bounds.tolist():
             raise MeshError(f"bounds differ: {first} on rank 0, {bounds.tolist()} on rank {ranks.rank}")
         _check_integers("labels", labels)
@@ -41,7 +43,8 @@ def check_destinations(to: NDArray[Any], cells: Int, ranks: Ranks) -> None:
         wrong = np.flatnonzero((to < 0) | (to >= ranks.size))
         if len(wrong):
             raise MeshError(
-                f"cell {cells[wrong[0]]} shall go to rank {to[wrong[0]]}, but there are {ranks.size} ranks"
+                f"cell {cells[wrong[0]]} has destination rank {to[wrong[0]]}, but there are "
+                f"{ranks.size} ranks"
             )
 
 

@@ -137,7 +137,7 @@ def cells_beyond(
     differ = ((side_tags[a] != side_tags[b]) & (side_tags[a] != 0) & (side_tags[b] != 0)).any(axis=1)
     for wrong, complaint in (
         (overlap, "lie on the same side of a face"),
-        (differ, "differ in a tag of their face"),
+        (differ, "have different tags on their common face"),
     ):
         fault = None
         if wrong.any():

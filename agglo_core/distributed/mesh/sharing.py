@@ -69,10 +69,10 @@ def scatter_cells(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int
     parcels: dict[int, WholeCells] = {}
     with ranks.together():
         if method not in _METHODS:
-            raise OptionError(f"unknown method {method!r}; known: {', '.join(_METHODS)}")
+            raise OptionError(f"unknown method {method!r}; accepted: {', '.join(_METHODS)}")
         if ranks.rank == 0:
             if mesh is None:
-                raise OptionError("rank 0 must have a mesh to share out; it has none")
+                raise OptionError("rank 0 has no mesh to distribute: pass the mesh on rank 0")
             x, size = mesh.local_centroids, ranks.size
             rank = _along_curve(x, size) if method == "curve" else _by_coordinates(x, size, block_cells)
             parcels = _shares(mesh, rank, size)

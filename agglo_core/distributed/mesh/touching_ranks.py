@@ -52,17 +52,17 @@ def refuse_hanging_vertices(own: WholeCells, ranks: Ranks) -> None:
         if hang.any():
             told = " and ".join(_describe_cell(near, cell) for cell in pairs[np.argmax(hang)])
             fault = (
-                f"faces of {told} lie on one another, but are not the same, so that the cells would be no "
-                "neighbours: give both cells all points that lie on a face between them, or say "
-                "allow_gaps=True if the gap is meant"
+                f"faces of {told} coincide in part but are not equal, so the cells would "
+                "not be neighbours: give both cells all points on the faces between them, "
+                "or pass allow_gaps=True if the gap is intended"
             )
     refuse_all(ranks, fault)
     # Contacts without shared points are a warning of the first rank that has any.
     first = min((rank for rank, some in enumerate(ranks.gathered(len(pairs) > 0)) if some), default=-1)
     if ranks.rank == first:
         _log.warning(
-            "outer faces, such as of %s, lie on one another with points of their own and are left apart: "
-            "the domain has a gap there. allow_gaps=True says that it is meant",
+            "outer faces, such as those of %s, coincide but share no points and are kept "
+            "separate: the domain has a gap there. Pass allow_gaps=True if it is intended",
             " and ".join(_describe_cell(near, cell) for cell in pairs[0]),
         )
 

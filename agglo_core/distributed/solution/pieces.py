@@ -90,9 +90,7 @@ def by_cell(mesh: DistributedMesh, x: ArrayLike) -> Float:
     width = int(ranks.largest(unknowns.size // max(1, cells)))
     with ranks.together():
         if unknowns.shape != (cells * width,):
-            raise OptionError(
-                f"x has shape {unknowns.shape}; expected ({cells * width},): {width} in each cell"
-            )
+            raise OptionError(f"x has shape {unknowns.shape}; expected ({cells * width},): {width} per cell")
     return unknowns.reshape(cells, width)
 
 
@@ -115,4 +113,4 @@ def _remove_stale(target: Path, size: int) -> None:
     try:
         remove_pieces(target.with_suffix(""), size)
     except OSError as error:  # the solution is complete, so only warn
-        _log.warning("cannot remove what an earlier writing left of %s: %s", target, error.strerror)
+        _log.warning("cannot remove old files of %s: %s", target, error.strerror)

@@ -213,9 +213,7 @@ def test_without_matplotlib_a_run_goes_on(agglo: Agglo, monkeypatch: pytest.Monk
     assert (code, levels("a.npz")) == (3, 1)
     assert "4 parts" in out
     first, *_, last = err.splitlines()
-    assert first.startswith(
-        "warning: skipping --plot, which needs matplotlib: pip install 'agglo[plot]'"
-    )
+    assert first.startswith("warning: skipping --plot, which needs matplotlib: pip install 'agglo[plot]'")
     assert last.startswith('error: a.png: drawing needs matplotlib: pip install "agglo[plot]"')
 
 
@@ -243,7 +241,9 @@ def test_what_can_be_known_is_refused_before_a_run(agglo: Agglo, monkeypatch: py
 
 def test_coarse_meshes_beside_a_file_are_told_of(agglo: Agglo) -> None:
     _, out, _ = agglo("run", "squares:n=4", "--parts", "4,2", "-o", "a.vtu")
-    assert "wrote a.vtu, and 2 coarse meshes in the same folder, starting with a_level0.vtu" in " ".join(out.split())
+    assert "wrote a.vtu, and 2 coarse meshes in the same folder, starting with a_level0.vtu" in " ".join(
+        out.split()
+    )
     _, out, _ = agglo("run", "squares:n=4", "--parts", "4", "-o", "a.npz")
     assert out.endswith("wrote a.npz\n")
 

@@ -315,7 +315,7 @@ def test_formats_that_cannot_be_built_are_in_nobodys_way(tmp_path: Path) -> None
         "'absent' (plugin 'mine', distribution my-dist 2): importing",
         "'nothing' (plugin 'mine', distribution my-dist 2) built",
         "'needy' (plugin 'mine', distribution my-dist 2) needs a value for depth",
-        "'big' (plugin 'mine', distribution my-dist 2): its suffix '.VTU' must be a dot and lower-case",
+        "'big' (plugin 'mine', distribution my-dist 2): suffix '.VTU' must be lower case",
     ):
         assert reason in said
 
@@ -495,8 +495,8 @@ def test_a_format_that_declares_other_suffixes_is_not_built(tmp_path: Path) -> N
     ("suffixes", "says"),
     [
         ([".a"], r"suffixes \['\.a'\] is not a tuple such as"),
-        ((".A",), r"its suffix '\.A' "),
-        (("a",), r"its suffix 'a' "),
+        ((".A",), r"suffix '\.A' must be lower case after a dot"),
+        (("a",), r"suffix 'a' must be lower case"),
     ],
 )
 def test_declared_suffixes_are_checked(suffixes: Any, says: str) -> None:
@@ -510,7 +510,7 @@ def test_only_formats_declare_suffixes() -> None:
     registry = Registry()
     registry.register(SimpleNamespace(agglo_components=hookimpl(lambda: declared)), "mine")
     (record,) = registry.list()
-    assert (record.state, record.reason) == ("broken", "suffixes are for formats only")
+    assert (record.state, record.reason) == ("broken", "suffixes applies to formats only")
 
 
 def test_a_format_without_suffixes_says_so(tmp_path: Path) -> None:
@@ -614,7 +614,7 @@ def test_strangers_formats_recognise_content_too(tmp_path: Path, monkeypatch: py
 @pytest.mark.parametrize(
     ("declared", "says"),
     [
-        ({"magic": "("}, "magic is for formats that declare their suffixes"),
+        ({"magic": "("}, "magic applies to formats with declared suffixes"),
         ({"magic": "(", "suffixes": (".a",)}, r"magic '\(' is not a regular expression of bytes"),
         ({"magic": b"A", "suffixes": (".a",)}, r"magic b'A' is not a regular expression of bytes"),
         ({"magic": "€", "suffixes": (".a",)}, "magic '€' is not a regular expression of bytes"),

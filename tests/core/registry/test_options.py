@@ -135,7 +135,7 @@ def test_lists_and_texts_of_toml_fit() -> None:
         ("colour", Text("green"), "colour of it must be 'RED' or 'BLUE', given 'green'"),
         ("pair", Text("3"), "pair of it must be tuple of a whole number, a number, given 3"),
         ("pair", [1, 2, 3], "pair of it must be"),
-        ("name", 7, "name of it must be a text, given 7"),
+        ("name", 7, "name of it must be text, given 7"),
     ],
 )
 def test_what_does_not_fit_is_refused(name: str, value: object, wanted: str) -> None:

@@ -218,7 +218,7 @@ def test_targets_that_cannot_be_had(registry: Registry, target: str, message: st
 @pytest.mark.parametrize(
     ("component", "reason"),
     [
-        (Component("bisektor", "it", "m:C"), "kind 'bisektor' is not known; accepted: bisector, refiner"),
+        (Component("bisektor", "it", "m:C"), "unknown kind 'bisektor'; accepted: bisector, refiner"),
         (Component("bisector", "1st", "m:C"), "'1st' is not an identifier"),
         (Component("refiner", "none", "m:C"), "'none' is not an identifier"),
         (Component("bisector", ["it"], "m:C"), "is not an identifier"),  # type: ignore[arg-type]
@@ -226,11 +226,11 @@ def test_targets_that_cannot_be_had(registry: Registry, target: str, message: st
         (Component("bisector", "it", "m:C", requires="numpy"), "requires 'numpy' is not a tuple"),  # type: ignore[arg-type]
         (
             Component("bisector", "it", "m:C", promises={"fast": True}),
-            "promise 'fast' is not known; accepted: det",
+            "unknown promise 'fast'; accepted: det",
         ),
         (Component("bisector", "it", "m:C", promises={"3d": "yes"}), "expected a bool or a number"),  # type: ignore[dict-item]
         (Component("bisector", "it", "m:C", promises=["3d"]), "not a mapping"),  # type: ignore[arg-type]
-        (Component("fixer", "it", "m:C", fallback="kmeans"), "fallback is for bisectors"),
+        (Component("fixer", "it", "m:C", fallback="kmeans"), "fallback applies to bisectors"),
     ],
 )
 def test_a_wrong_declaration_is_broken_alone(registry: Registry, component: Component, reason: str) -> None:
@@ -272,16 +272,16 @@ def leaves() -> None:
         (plugin(HALVES, agglo_commands=hookimpl(leaves)), "agglo_commands() raised SystemExit"),
         (
             plugin(HALVES, agglo_comands=hookimpl(fails)),
-            "'agglo_comands' is not known (did you mean 'agglo_commands'?)",
+            "unknown hook 'agglo_comands' (did you mean 'agglo_commands'?)",
         ),
         (
             plugin(HALVES, agglo_comands=unmarked),
-            "'agglo_comands' is not known (did you mean 'agglo_commands'?)",
+            "unknown hook 'agglo_comands' (did you mean 'agglo_commands'?)",
         ),
         (plugin(HALVES, agglo_commands=unmarked), "agglo_commands is not marked with @hookimpl"),
         (plugin(HALVES, agglo_level_done=hookimpl(lambda level: None)), "its hooks cannot be registered"),
-        (SimpleNamespace(), "it implements no hook; accepted: agglo_components"),
-        (None, "it implements no hook"),
+        (SimpleNamespace(), "no hook is implemented; accepted: agglo_components"),
+        (None, "no hook is implemented"),
     ],
 )
 def test_a_broken_plugin_is_explained_and_out(registry: Registry, broken: Any, reason: str) -> None:
@@ -414,7 +414,7 @@ def test_a_watcher_that_raises_does_not_end_the_run(
             registry.level_done({"depth": depth})
     assert seen == [1, 2]
     assert [record.getMessage() for record in caplog.records] == [
-        "plugin 'clumsy (d)' stopped watching: agglo_level_done() raised ValueError: not today"
+        "plugin 'clumsy (d)' is not called any more: agglo_level_done() raised ValueError: not today"
     ]
     assert registry.build("bisector", "halves").axis == 0
 
@@ -442,7 +442,7 @@ def test_names_of_plugins_are_taken_once(registry: Registry) -> None:
     with pytest.raises(PluginError, match="registered already"):
         registry.register(plugin(), "mine")
     registry.register(mine, "again")
-    assert "same object as plugin 'mine" in only(registry, "again").reason
+    assert "already registered as plugin 'mine" in only(registry, "again").reason
     with pytest.raises(PluginError, match="no plugin 'x' is registered; registered: again, mine"):
         registry.unregister("x")
     registry.unregister("mine")
