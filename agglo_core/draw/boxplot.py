@@ -46,7 +46,7 @@ def draw_boxes(
         If the file cannot be written, or its suffix is unknown.
     """
     if not runs:
-        raise OptionError("nothing to draw: no run is given")
+        raise OptionError("nothing to draw: give at least one run")
     for name, values in runs.items():
         if missing := [metric for metric in metrics if metric not in values]:
             raise OptionError(

@@ -123,7 +123,7 @@ def by_number(values: ArrayLike, label: str = "", cmap: str = "viridis") -> Pain
 
     if cmap not in colormaps:
         raise OptionError(
-            f"cmap must be the name of a colour map of matplotlib, such as 'viridis', not {cmap!r}"
+            f"cmap must be the name of a matplotlib colour map, such as 'viridis', given {cmap!r}"
         )
     numbers = np.asarray(values, dtype=np.float64)
     finite = np.isfinite(numbers)

@@ -99,7 +99,7 @@ def draw_convergence(
         If the file cannot be written, or its suffix is unknown.
     """
     if not solutions:
-        raise OptionError("nothing to draw: no solution is given")
+        raise OptionError("nothing to draw: give at least one solution")
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure

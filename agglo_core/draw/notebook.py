@@ -177,7 +177,7 @@ def solution_html(solution: Solution) -> str:
 def _draw_picture(mesh: Mesh, instead: str, draw: Sequence[Callable[[Any, Any], None]]) -> tuple[str, str]:
     """Return a picture with mesh panels, or the reason for its absence."""
     if mesh.n_cells > _MOST:
-        return "", f"{mesh.n_cells:,} cells: no picture by itself above {_MOST:,}; {instead} draws one"
+        return "", f"{mesh.n_cells:,} cells: no automatic picture above {_MOST:,}; {instead} draws one"
     if not draw:
         return "", ""
     panels = panels_of(mesh)

@@ -80,7 +80,7 @@ def plot_samples(samples: Samples, ax: Any = None, *, across: str = "z", cmap: s
     """Draw a function on axes, with the parameters of :meth:`agglo_core.problems.Samples.plot`."""
     check_axes(ax)
     if across not in ("x", "y", "z"):
-        raise OptionError(f"across must be 'x', 'y' or 'z', not {across!r:.60}")
+        raise OptionError(f"across must be 'x', 'y' or 'z', given {across!r:.60}")
     from matplotlib.tri import Triangulation
 
     by_number([], cmap=cmap)  # refuses unknown names
@@ -125,10 +125,12 @@ def check_axes(ax: Any) -> None:
     except ImportError as error:
         raise OptionError(f'plotting needs matplotlib: pip install "agglo[plot]" ({error})') from error
     if ax is not None and not isinstance(ax, Axes):
-        raise OptionError(f"ax must be axes of matplotlib, as plt.subplots()[1], not {type(ax).__name__}")
+        raise OptionError(
+            f"ax must be matplotlib axes, as returned by plt.subplots()[1], given {type(ax).__name__}"
+        )
     if ax is not None and ax.name != "rectilinear":
         raise OptionError(
-            f"ax must be plane axes (solids are drawn as pictures), not of projection {ax.name!r}"
+            f"ax must be 2-D axes (3-D meshes are drawn as pictures), given projection {ax.name!r}"
         )
 
 
@@ -146,7 +148,7 @@ def _check_values(values: ArrayLike, count: int, entity: str) -> Any:
     name = f"values (a name or numbers, one for each {entity})"
     numbers = exact_cast(plain_array(values, name, OptionError), np.float64, name, OptionError)
     if numbers.shape != (count,):
-        raise OptionError(f"values must have shape ({count},), one for each {entity}, not {numbers.shape}")
+        raise OptionError(f"values must have shape ({count},), one per {entity}, given {numbers.shape}")
     return numbers
 
 

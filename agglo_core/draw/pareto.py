@@ -17,8 +17,8 @@ from agglo_core.errors import OptionError
 from agglo_core.measure.comparison import RunResult
 from agglo_core.measure.trade_offs import Axis, TradeOffs, trade_offs
 
-FRONT: Final = "none is both rounder and more even"
-BEST: Final = "thick ring: none is rounder, more even and faster at once"
+FRONT: Final = "no other run is rounder and more even"
+BEST: Final = "thick ring: no other run is rounder, more even and faster at once"
 _GAP: Final = 5.0  # points
 _MARGIN: Final = 0.16  # margin of an axis, relative to its range of values
 
@@ -77,7 +77,7 @@ def reach(axis: Axis) -> tuple[float, float]:
 
 def sense(axis: Axis) -> str:
     """Return the label of an axis with its better direction."""
-    return axis.label if axis.high else f"{axis.label} (less is better)"
+    return axis.label if axis.high else f"{axis.label} (lower is better)"
 
 
 def stairs(found: TradeOffs) -> Float:

@@ -83,7 +83,7 @@ def draw(
     >>> draw(mesh, {"kmeans": agglo.agglomerate(mesh, cells_per_part=(8, 32))}, "levels.png")
     """
     if not hierarchies:
-        raise OptionError("nothing to draw: no hierarchy is given")
+        raise OptionError("nothing to draw: give at least one hierarchy")
     title_metrics = _IN_TITLES if metrics is None else list(metrics)
     panels = panels_of(mesh, explode, section)
     # Set up the panels.
@@ -174,7 +174,7 @@ def panels_of(
         return SolidPanels(mesh, _EXPLODE if explode is None else explode, section)
     for name, given in (("explode", explode), ("section", section)):
         if given is not None:
-            raise OptionError(f"{name} is for pictures of solids; {mesh.name or 'this mesh'} is 2-D")
+            raise OptionError(f"{name} applies to 3-D meshes; {mesh.name or 'this mesh'} is 2-D")
     return PlanePanels(mesh)
 
 
@@ -251,7 +251,9 @@ def save_figure(figure: Any, path: Path, *, palette: bool = False) -> None:
 
     kind, kinds = path.suffix[1:].lower(), figure.canvas.get_supported_filetypes()
     if kind not in kinds:
-        raise FileError(f"{path}: no picture format {path.suffix!r}; there are {', '.join(sorted(kinds))}")
+        raise FileError(
+            f"{path}: unknown picture format {path.suffix!r}; accepted: {', '.join(sorted(kinds))}"
+        )
     try:
         with staging(path) as folder:
             if palette and kind == "png":

@@ -76,7 +76,7 @@ def view(
     if section is not None:
         mark_cells_beyond(mesh, section)
         if explode:
-            raise OptionError("a section goes through the mesh in one piece: give explode or section")
+            raise OptionError("explode cannot be combined with section: give one of them")
     plotter = _plotter(None if path is None else _check_suffix(Path(path)))
     # Fill the scene.
     if section is not None:
@@ -98,13 +98,13 @@ def _solid(hierarchy: Hierarchy) -> Mesh:
     if hierarchy.fine is None:
         raise MeshError("this hierarchy belongs to a graph: there is nothing to view")
     if hierarchy.fine.dim != 3:
-        raise MeshError("view shows solids; agglo_core.plot.draw draws plane meshes")
+        raise MeshError("view shows 3-D meshes; for 2-D meshes use agglo_core.plot.draw")
     return hierarchy.fine
 
 
 def _check_suffix(path: Path) -> Path:
     if path.suffix.lower() not in _PICTURES:
-        raise FileError(f"{path}: pictures of a view end in {', '.join(_PICTURES)}, not {path.suffix!r}")
+        raise FileError(f"{path}: pictures of a view end in {', '.join(_PICTURES)}, given {path.suffix!r}")
     return path
 
 
@@ -117,7 +117,7 @@ def _plotter(path: Path | None) -> Any:
     elsewhere = path is not None or pyvista.OFF_SCREEN or "ipykernel" in sys.modules
     displays = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if not elsewhere and sys.platform.startswith("linux") and not displays:
-        raise OptionError("view: there is no display to open a window on; path= writes a picture instead")
+        raise OptionError("view: no display is available for a window; pass path= to write a picture instead")
     return pyvista.Plotter(off_screen=True if path is not None else None, window_size=list(_SIZE))
 
 

@@ -66,7 +66,9 @@ def check_explode(explode: object) -> float:
         or not isinstance(explode, int | float | np.number)
         or not 0 <= explode <= 10
     ):
-        raise OptionError(f"explode must be a number from 0 (parts stay in place) to 10, not {explode!r:.60}")
+        raise OptionError(
+            f"explode must be a number from 0 (parts stay in place) to 10, given {explode!r:.60}"
+        )
     return float(explode)
 
 
@@ -118,10 +120,10 @@ def mark_cells_beyond(mesh: Mesh, normal: Sequence[float]) -> Mask:
     """
     direction = np.array(normal, dtype=float)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
-        raise OptionError(f"section must be a direction, three numbers not all 0, not {normal!r:.60}")
+        raise OptionError(f"section must be a direction, three numbers not all 0, given {normal!r:.60}")
     is_beyond: Mask = mesh.local_centroids @ direction > 0.0
     if is_beyond.all():
-        raise OptionError(f"section {normal!r:.60}: no cell lies on this side of the middle")
+        raise OptionError(f"section {normal!r:.60}: no cell is left on this side of the centre")
     return is_beyond
 
 

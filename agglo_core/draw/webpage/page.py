@@ -102,7 +102,7 @@ def write_page(
 def check_page(path: Path) -> None:
     """Raise FileError if a report cannot be written there, as far as foreseeable."""
     if path.suffix.lower() not in (".html", ".htm"):
-        raise FileError(f"{path}: reports end in .html, not {path.suffix!r}")
+        raise FileError(f"{path}: reports end in .html, given {path.suffix!r}")
     if not path.parent.is_dir():
         raise FileError(f"{path}: there is no folder {path.parent}")
     check_replaceable(path)

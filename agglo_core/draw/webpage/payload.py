@@ -28,7 +28,7 @@ def payload(mesh: Mesh, runs: Sequence[RunResult], note: str = "") -> dict[str, 
     tags) are stored once, sorted by ``order``. Entry k of ``order`` is the cell number.
     """
     if all(run.hierarchy is None for run in runs):
-        raise OptionError("nothing to report: there is no run, or none came to an end")
+        raise OptionError("nothing to report: there are no runs, or all failed")
     order = order_along_curve(mesh)
     return {
         "version": version_of("agglo"),

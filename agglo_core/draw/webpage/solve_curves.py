@@ -19,8 +19,8 @@ _MOST = 300  # maximum number of points per curve
 _GRID, _AXIS = 'class="grid"', 'class="axis"'
 """CSS classes of lines, with colours in page.css."""
 _CAPTION: Final = (
-    "Against the iteration: ‖b − A x‖₂ relative to the first (solid), the estimated relative error in the "
-    "energy norm where it is known (dashed), the tolerance (dotted)."
+    "Values by iteration: ‖b − A x‖₂ relative to the first (solid), estimated relative "
+    "error in the energy norm where available (dashed), tolerance (dotted)."
 )
 
 

@@ -60,7 +60,7 @@ def _summary(solves: Mapping[str, Mapping[str, Any]]) -> str:
                 *(_two_decimals(spent.get(key)) for key in _PHASES),
             ]
         )
-    hint = "Seconds are those of the processor; of the clock where a solver does not tell them."
+    hint = "CPU seconds, or elapsed seconds where the solver does not report CPU time."
     return f'<p class="hint">{hint}</p>\n{_table(columns, rows)}'
 
 
@@ -82,7 +82,7 @@ def _story(data: Mapping[str, Any]) -> str:
 
 def _state(data: Mapping[str, Any]) -> str:
     if not data["converged"]:
-        return f"Not converged: {data['reason']}; the solution is that of iteration {data['iterations']}."
+        return f"Not converged: {data['reason']}; the solution is from iteration {data['iterations']}."
     by = f" by {' and '.join(data['tests_met'])}" if data["tests_met"] else ""
     return f"Converged after {data['iterations']} iterations: {data['reason']}{by}."
 
@@ -98,7 +98,7 @@ def _facts(data: Mapping[str, Any]) -> str:
         "energy error, estimated": _scientific_notation(data["energy_error"]),
         "tolerance": _scientific_notation(data["tolerance"]),
         "contraction, mean": _three_digits(data["contraction"]),
-        "contraction, latter half": _three_digits(data["asymptotic_contraction"]),
+        "contraction, second half": _three_digits(data["asymptotic_contraction"]),
         "operator complexity": _two_decimals(data["operator_complexity"]),
         "grid complexity": _two_decimals(data["grid_complexity"]),
         "memory of the levels": "" if data["memory"] is None else f"{_megabytes(data['memory'])} MB",
@@ -133,7 +133,7 @@ def _seconds(data: Mapping[str, Any]) -> str:
     """Return a table with a row per phase and a column per clock."""
     clocks = {title: data[key] for key, title in _CLOCKS.items() if data[key]}
     if not clocks:
-        return '<p class="hint">The solver does not tell.</p>'
+        return '<p class="hint">Not reported by the solver.</p>'
     told = dict.fromkeys(phase for clock in clocks.values() for phase in clock)
     phases = [*(each for each in _PHASES if each in told), *(each for each in told if each not in _PHASES)]
     rows = [

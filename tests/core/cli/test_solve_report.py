@@ -77,9 +77,9 @@ def test_pictures_of_convergence(tmp_path: Path, suffix: str) -> None:
         words = re.findall("<!-- (.*) -->", path.read_text())
         assert "ours: residual, contraction 0.1" in words
         assert {"ours: energy error, estimated", "theirs: residual", "tolerance 0.001"} <= set(words)
-    with pytest.raises(OptionError, match="no solution is given"):
+    with pytest.raises(OptionError, match="give at least one solution"):
         draw_convergence({}, path)
-    with pytest.raises(FileError, match="no picture format"):
+    with pytest.raises(FileError, match="unknown picture format"):
         draw_convergence({"ours": SOLUTION}, tmp_path / "c.xyz")
 
 
@@ -106,7 +106,7 @@ def test_several_solutions_are_a_table_and_their_details() -> None:
     assert section.count("<details>") == 2
     assert f"{EVIL} 4 3 yes 0.1 2.00 12.3 2.00 0.12 – 0.38 two 4 3 no 0.1 2.00 – – – – –" in said
     assert "three: refused & gone" in said
-    assert "Not converged: no <luck>; the solution is that of iteration 3." in said
+    assert "Not converged: no <luck>; the solution is from iteration 3." in said
     assert "<script" not in section
 
 

@@ -154,7 +154,7 @@ def test_what_cannot_be_shown_is_refused_and_leaves_nothing(
     for nothing in ([], [runs[1]]):
         with pytest.raises(OptionError, match="nothing to report"):
             write_page(tmp_path / "a.html", mesh, nothing)
-    with pytest.raises(FileError, match=r"end in \.html, not '\.txt'"):
+    with pytest.raises(FileError, match=r"end in \.html, given '\.txt'"):
         write_page(tmp_path / "a.txt", mesh, runs)
     with pytest.raises(FileError, match="there is no folder"):
         write_page(tmp_path / "absent" / "a.html", mesh, runs)

@@ -152,7 +152,7 @@ def test_large_meshes_have_tables_alone(monkeypatch: pytest.MonkeyPatch) -> None
     mesh = samples.squares(4)
     for text, call in ((html(mesh), "mesh.plot()"), (html(levels(mesh, 2)), "hierarchy.plot(level)")):
         assert pictures(text) == []
-        assert f"16 cells: no picture by itself above 15; {call} draws one" in text
+        assert f"16 cells: no automatic picture above 15; {call} draws one" in text
 
 
 def test_many_levels_and_tags_stay_small() -> None:

@@ -149,7 +149,7 @@ def test_what_cannot_be_drawn_is_refused_and_leaves_nothing(tmp_path: Path) -> N
     (tmp_path / "folder.png").mkdir()
     with pytest.raises(OptionError, match="no hierarchy"):
         draw(mesh, {}, tmp_path / "a.png")
-    with pytest.raises(FileError, match=r"no picture format '\.bmpx'"):
+    with pytest.raises(FileError, match=r"unknown picture format '\.bmpx'"):
         draw(mesh, run, tmp_path / "a.bmpx")
     with pytest.raises(FileError, match="cannot be written"):
         draw(mesh, run, tmp_path / "nowhere" / "a.png")

@@ -93,9 +93,9 @@ def test_it_draws_on_axes_of_the_caller_or_on_new_ones(plot: Callable[[Any], Any
 def test_other_things_than_plane_axes_are_refused_and_leave_no_figure(plot: Callable[[Any], Any]) -> None:
     space = plt.figure().add_subplot(projection="3d")
     before = plt.get_fignums()
-    with pytest.raises(OptionError, match=r"ax must be axes of matplotlib, .* not Figure"):
+    with pytest.raises(OptionError, match=r"ax must be matplotlib axes, .* given Figure"):
         plot(space.figure)
-    with pytest.raises(OptionError, match="not of projection '3d'"):
+    with pytest.raises(OptionError, match="given projection '3d'"):
         plot(space)
     assert plt.get_fignums() == before
 
@@ -206,24 +206,20 @@ def test_functions_of_space_are_shown_on_a_plane(across: str, names: str) -> Non
     ("call", "error", "message"),
     [
         (lambda: SQUARES.plot(values="rock"), OptionError, "no cell tag 'rock'; .* has none"),
-        (lambda: SQUARES.plot(values=[1.0]), OptionError, r"shape \(16,\), one for each cell, not \(1,\)"),
+        (lambda: SQUARES.plot(values=[1.0]), OptionError, r"shape \(16,\), one per cell, given \(1,\)"),
         (lambda: SQUARES.plot(values=["a"] * 16), OptionError, "a name or numbers, one for each cell"),
         (
             lambda: SQUARES.plot(values=np.ones(16), cmap="no"),
             OptionError,
             "cmap must be the name .* not 'no'",
         ),
-        (lambda: SQUARES.plot(section=(1, 0, 0)), OptionError, "section is for pictures of solids"),
-        (
-            lambda: halves(SQUARES).plot(1),
-            IndexError,
-            r"level 1 is out of range: the hierarchy has levels 0\.\.0",
-        ),
+        (lambda: SQUARES.plot(section=(1, 0, 0)), OptionError, "section applies to 3-D meshes"),
+        (lambda: halves(SQUARES).plot(1), IndexError, r"level 1 of a hierarchy with levels 0\.\.0"),
         (lambda: halves(SQUARES).plot(values="UFO"), PluginError, "UFO"),
-        (lambda: halves(SQUARES).plot(values=[1.0]), OptionError, r"shape \(2,\), one for each agglomerate"),
-        (lambda: halves(SQUARES).plot(explode=1), OptionError, "explode is for pictures of solids"),
+        (lambda: halves(SQUARES).plot(values=[1.0]), OptionError, r"shape \(2,\), one per agglomerate"),
+        (lambda: halves(SQUARES).plot(explode=1), OptionError, "explode applies to 3-D meshes"),
         (lambda: halves(CUBES).plot(explode=-1), OptionError, "explode must be a number from 0"),
-        (lambda: TRIANGLE.plot(across="w"), OptionError, "across must be 'x', 'y' or 'z', not 'w'"),
+        (lambda: TRIANGLE.plot(across="w"), OptionError, "across must be 'x', 'y' or 'z', given 'w'"),
         (lambda: TRIANGLE.plot(cmap="no"), OptionError, "cmap must be the name"),
         (
             lambda: Hierarchy(None, SQUARES.graph, [np.zeros(16, int)], [{}], nested=True).plot(),
