@@ -177,7 +177,7 @@ def _suffix_faults(component: Component) -> Iterator[str]:
         yield "suffixes applies to formats only"
     for suffix in suffixes:
         if not is_suffix(suffix):
-            yield f"suffix {shown(suffix)} must be lower case after a dot, such as '.vtu'"
+            yield f"suffix {shown(suffix)} must be a dot and lower-case characters, such as '.vtu'"
 
 
 def _magic_faults(component: Component) -> Iterator[str]:

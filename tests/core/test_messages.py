@@ -62,7 +62,7 @@ def test_files_that_are_none(agglo: Agglo, tmp_path: Path) -> None:
     ask = ["run", "squares:n=4", "--config"]
     assert agglo(*ask, "no.toml").err == "error: no.toml: no such file; expected a TOML file\n"
     assert agglo(*ask, "folder").err == "error: folder: is a folder; expected a TOML file\n"
-    assert agglo(*ask, "").err == "error: Invalid value for '--config': the name of the file is empty\n"
+    assert agglo(*ask, "").err == "error: Invalid value for '--config': the file name is empty\n"
     problem = agglo("solve", "squares:n=4", "--problem", "no.toml")
     assert "no.toml: no such file, and no problem of that name (constant," in problem.err
 
@@ -104,8 +104,8 @@ ANYWHERE: dict[str, tuple[list[str], str]] = {
     "beyond all floats": (["--parts", "9" * 400], "n_parts must be positive and finite, given 999"),
     "beyond all arrays": (["--parts", "9" * 30], "too many parts, 1e+30: the mesh has 16 cells"),
     "an empty list": (["--h-star", ""], "'' is not a comma-separated list of numbers"),
-    "an empty output": (["-o", ""], "the name of the file is empty"),
-    "an empty picture": (["--plot", ""], "the name of the file is empty"),
+    "an empty output": (["-o", ""], "the file name is empty"),
+    "an empty picture": (["--plot", ""], "the file name is empty"),
     "an empty bisector": (["--bisector", ""], "'' has no name; expected NAME or NAME:option=value,…"),
 }
 
@@ -130,7 +130,7 @@ def test_options(agglo: Agglo, tmp_path: Path, arguments: list[str], message: st
         (["train", "--epochs", "1.5"], "'1.5' is not a valid integer; expected a whole number of at least 1"),
         (["train", "--pieces", "nan"], "expected a finite number of at least 0 and at most 1"),
         (["train", "--seed", str(2**31)], "of at least 0 and at most 2147483647"),
-        (["quality", ""], "the name of the file is empty"),
+        (["quality", ""], "the file name is empty"),
         (["model", "info", "none.safetensors"], "none.safetensors: cannot be read: No such file"),
         (["run", "squares:n=0"], "error: n of sample squares must be a whole number >= 1, not 0"),
         (["run", "squares:n=99999"], "error: n of sample squares must be at most 46340, not 99999"),

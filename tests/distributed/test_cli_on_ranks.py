@@ -106,7 +106,7 @@ REFUSED = {
     ("compare", "squares:n=4"): "agglo compare works in one process, but 2 processes were",
     ("run", "squares:n=4", "--plot", "a.png", "--report", "b.html"): "--plot and --report cannot be used",
     ("run", "squares:n=4", "-o", "out.vtu"): "out.vtu: distributed meshes and solutions are written as .pvtu",
-    ("run", "nowhere.vtu"): "'nowhere.vtu' is neither a file",
+    ("run", "nowhere.vtu"): "'nowhere.vtu' is neither an existing file",
     ("run", "squares:n=4", "--parts", "x"): "Invalid value for '--parts'",
     ("solve", "squares:n=4"): "the solver polydg_mg works in one process, but 2 processes were",
     ("run", "squares:n=4", "-o", "nowhere/out.pvtu"): "nowhere/out.pvtu: the folder nowhere does not exist",

@@ -122,4 +122,6 @@ class DistributedHierarchy:
 
     def _check(self, level: int) -> None:
         if not 0 <= level < len(self.levels):
-            raise IndexError(f"level {level} of a hierarchy with levels 0..{len(self.levels) - 1}")
+            raise IndexError(
+                f"level {level} is out of range: the hierarchy has levels 0..{len(self.levels) - 1}"
+            )

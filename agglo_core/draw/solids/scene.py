@@ -70,7 +70,9 @@ def view(
     # Check all arguments.
     mesh = _solid(hierarchy)
     if not 0 <= level < len(hierarchy.levels):
-        raise IndexError(f"level {level} of a hierarchy with levels 0..{len(hierarchy.levels) - 1}")
+        raise IndexError(
+            f"level {level} is out of range: the hierarchy has levels 0..{len(hierarchy.levels) - 1}"
+        )
     labels = hierarchy.levels[level]
     explode = check_explode(explode)
     if section is not None:

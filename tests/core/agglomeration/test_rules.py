@@ -125,7 +125,7 @@ def test_bounds_are_of_true_measures_whatever_the_metric():
         wide = {"metric": 100.0 * np.eye(2), "max_measure": 1 / 16 + 1e-9, "method": method}
         labels = agglo.agglomerate(FINE, n_parts=16, **wide).levels[0]
         assert set(np.bincount(labels)) == {4}
-    with pytest.raises(OptionError, match="too few parts, 15: constraint 'max_measure' needs 16"):
+    with pytest.raises(OptionError, match="too few parts, 15: constraint 'max_measure' needs at least 16"):
         agglo.agglomerate(FINE, n_parts=15, **wide)
 
 
@@ -430,7 +430,7 @@ def test_metrics_that_are_none(metric, message):
 @pytest.mark.parametrize(
     ("rules", "message"),
     [
-        ({"regions": "rock"}, "no cell tag is named 'rock'; there is none"),
+        ({"regions": "rock"}, "no cell tag is named 'rock'; there are none"),
         ({"regions": np.zeros(3, int)}, r"regions have shape \(3,\), expected \(64,\)"),
         (
             {"regions": np.zeros(64)},

@@ -52,7 +52,7 @@ def test_what_is_given_are_arguments_of_agglomerate() -> None:
     ("arguments", "message"),
     [
         (["--parts", "4", "--cells-per-part", "4"], "--parts and --cells-per-part cannot be combined"),
-        (["--refiner", "none", "--refiner", "interface"], "--refiner none cannot be given with another"),
+        (["--refiner", "none", "--refiner", "interface"], "--refiner none cannot be combined with another"),
         (["--parts", "2.5"], "'2.5' is not a comma-separated list of whole numbers"),
         (["--h-star", "1,inf"], "each number must be positive and finite, given inf"),
         (["--cells-per-part", "0.5"], "each number must be at least 1 and finite, given 0.5"),
@@ -88,11 +88,11 @@ def test_a_mesh_is_a_file_or_a_sample(tmp_path: Path, monkeypatch: pytest.Monkey
     assert load_mesh("squares:n=3").n_cells == 9
     write("squares.npz", samples.squares(2))
     assert load_mesh("squares.npz").n_cells == 4
-    with pytest.raises(FileError, match="name of the mesh is empty"):
+    with pytest.raises(FileError, match="mesh name is empty"):
         load_mesh("")
-    with pytest.raises(FileError, match=r"'no/such\.vtu' is neither a file"):
+    with pytest.raises(FileError, match=r"'no/such\.vtu' is neither an existing file"):
         load_mesh("no/such.vtu")
-    with pytest.raises(OptionError, match=r"'sqares' is neither a file .* nor a sample: "):
+    with pytest.raises(OptionError, match=r"'sqares' is neither an existing file nor a sample: "):
         load_mesh("sqares")
 
 

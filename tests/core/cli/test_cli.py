@@ -243,7 +243,7 @@ def test_components_can_be_chosen_and_switched_off(agglo: Agglo) -> None:
 
 
 WRONG: dict[str, tuple[list[str], str]] = {
-    "no such file": (["run", "absent.vtu"], "neither a file"),
+    "no such file": (["run", "absent.vtu"], "neither an existing file"),
     "no such sample": (["run", "sqares"], "neither an existing file nor a sample"),
     "wrong option of a sample": (["run", "squares:m=3"], "squares"),
     "a folder": (["run", "folder"], "folder"),
@@ -261,7 +261,7 @@ WRONG: dict[str, tuple[list[str], str]] = {
     "more parts than cells": (["run", "squares:n=2", "--parts", "5"], "5"),
     "no parts": (["run", "squares:n=2", "--parts", "4,0"], "'--parts': each number must be positive"),
     "less than a cell": (["run", "squares:n=2", "--cells-per-part", "0.5"], "'--cells-per-part'"),
-    "no name": (["run", ""], "the name of the mesh is empty"),
+    "no name": (["run", ""], "the mesh name is empty"),
     "none and a refiner": (
         ["run", "squares:n=4", *["--refiner", "none", "--refiner", "interface"]],
         "--refiner",
@@ -319,4 +319,4 @@ def test_every_file_of_several_runs_has_its_own_name(agglo: Agglo) -> None:
     clash: list[Any] = ["--bisector", "a:n=1", "--bisector", "a:n_1", "-o", "out.vtu"]
     code, _, err = agglo("run", "squares:n=4", *clash)
     assert code == 2
-    assert "files of the same name" in err
+    assert "files with equal names" in err

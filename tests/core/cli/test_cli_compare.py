@@ -149,7 +149,7 @@ def test_run_writes_a_report(agglo: Agglo) -> None:
 
 
 WRONG: dict[str, tuple[list[str], str]] = {
-    "no such sample": (["compare", "sqares"], "neither a file"),
+    "no such sample": (["compare", "sqares"], "neither an existing file"),
     "an unknown bisector": (
         ["compare", "squares:n=4", "--bisector", "kmeans,kmean"],
         "did you mean 'kmeans'?",

@@ -147,7 +147,7 @@ def test_what_cannot_be_drawn_is_refused_and_leaves_nothing(tmp_path: Path) -> N
     mesh = samples.squares(2)
     run = {"run": _halves(mesh)}
     (tmp_path / "folder.png").mkdir()
-    with pytest.raises(OptionError, match="no hierarchy"):
+    with pytest.raises(OptionError, match="give at least one hierarchy"):
         draw(mesh, {}, tmp_path / "a.png")
     with pytest.raises(FileError, match=r"unknown picture format '\.bmpx'"):
         draw(mesh, run, tmp_path / "a.bmpx")

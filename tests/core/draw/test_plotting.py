@@ -211,10 +211,14 @@ def test_functions_of_space_are_shown_on_a_plane(across: str, names: str) -> Non
         (
             lambda: SQUARES.plot(values=np.ones(16), cmap="no"),
             OptionError,
-            "cmap must be the name .* not 'no'",
+            "cmap must be the name .* given 'no'",
         ),
         (lambda: SQUARES.plot(section=(1, 0, 0)), OptionError, "section applies to 3-D meshes"),
-        (lambda: halves(SQUARES).plot(1), IndexError, r"level 1 of a hierarchy with levels 0\.\.0"),
+        (
+            lambda: halves(SQUARES).plot(1),
+            IndexError,
+            r"level 1 is out of range: the hierarchy has levels 0\.\.0",
+        ),
         (lambda: halves(SQUARES).plot(values="UFO"), PluginError, "UFO"),
         (lambda: halves(SQUARES).plot(values=[1.0]), OptionError, r"shape \(2,\), one per agglomerate"),
         (lambda: halves(SQUARES).plot(explode=1), OptionError, "explode applies to 3-D meshes"),

@@ -86,7 +86,7 @@ def test_faulty_requests_are_explained() -> None:
     with pytest.raises(OptionError, match="is not a metric"):
         quality(mesh, labels, (object(),))  # type: ignore[arg-type]
     for wrong in (("UF", "CR"), ("UF",), ("UF", {}, {}), (3, {})):
-        with pytest.raises(OptionError, match=r"a metric is a name, \(name, options\) or an object"):
+        with pytest.raises(OptionError, match=r"a metric must be a name, \(name, options\) or an object"):
             quality(mesh, labels, [wrong])  # type: ignore[list-item]
     with pytest.raises(OptionError, match="is not a metric"):
         quality(mesh, labels, (Scalar,))  # type: ignore[arg-type]

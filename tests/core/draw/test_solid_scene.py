@@ -98,7 +98,7 @@ def test_what_cannot_be_viewed_is_refused(
         hierarchy.view(section=(0, 0, 0))
     with pytest.raises(OptionError, match="explode cannot be combined with section"):
         hierarchy.view(explode=1, section=(1, 0, 0))
-    with pytest.raises(FileError, match=r"end in \.png.*not '\.svg'"):
+    with pytest.raises(FileError, match=r"end in \.png.*given '\.svg'"):
         hierarchy.view(path=tmp_path / "a.svg")
     monkeypatch.setitem(sys.modules, "pyvista", None)
     with pytest.raises(OptionError, match=r'pip install "agglo\[view\]"'):

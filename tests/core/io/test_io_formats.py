@@ -495,8 +495,8 @@ def test_a_format_that_declares_other_suffixes_is_not_built(tmp_path: Path) -> N
     ("suffixes", "says"),
     [
         ([".a"], r"suffixes \['\.a'\] is not a tuple such as"),
-        ((".A",), r"suffix '\.A' must be lower case after a dot"),
-        (("a",), r"suffix 'a' must be lower case"),
+        ((".A",), r"suffix '\.A' must be a dot and lower-case"),
+        (("a",), r"suffix 'a' must be a dot"),
     ],
 )
 def test_declared_suffixes_are_checked(suffixes: Any, says: str) -> None:

@@ -267,5 +267,7 @@ def test_qualified_names_can_be_typed() -> None:
     assert load_mesh("defaults/squares:3").n_cells == 9
     with pytest.raises(OptionError, match="no sample is named 'image'"):
         load_mesh("image:file=folder/a.png")  # a value may be a path
-    with pytest.raises(OptionError, match=r"'meshes/plate' is neither a file .* nor a sample: no sample"):
+    with pytest.raises(
+        OptionError, match=r"'meshes/plate' is neither an existing file nor a sample: no sample"
+    ):
         load_mesh("meshes/plate")
