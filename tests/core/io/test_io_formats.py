@@ -315,7 +315,7 @@ def test_formats_that_cannot_be_built_are_in_nobodys_way(tmp_path: Path) -> None
         "'absent' (plugin 'mine', distribution my-dist 2): importing",
         "'nothing' (plugin 'mine', distribution my-dist 2) built",
         "'needy' (plugin 'mine', distribution my-dist 2) needs a value for depth",
-        "'big' (plugin 'mine', distribution my-dist 2): suffix '.VTU' must be lower case",
+        "'big' (plugin 'mine', distribution my-dist 2): its suffix '.VTU' must be a dot and lower-case",
     ):
         assert reason in said
 

@@ -221,7 +221,7 @@ def test_an_attribute_of_another_type_is_shown(registry: Registry) -> None:
     [
         ("kindless", "from_table returned Kindless(), expected a problem"),
         ("bound", "raised TypeError: Bound.from_table() missing 1 required positional argument"),
-        ("tableless", "expected an object with a method from_table(table, mesh, folder)"),
+        ("tableless", "has no method from_table(table, mesh, folder)"),
     ],
 )
 def test_of_a_problem(kind: str, says: str, registry: Registry, tmp_path: Path) -> None:
