@@ -23,7 +23,7 @@ def agglo_components() -> list[Component]:
             target="agglo_gnn.paper.bisector:PaperGNN",
             requires=("torch", "safetensors"),
             promises={"deterministic": True, "invariant": True, "pickles": True},
-            summary="The paper's graph neural network, or one of yours, in torch.",
+            summary="The paper's graph neural network, or your own, in torch.",
             fallback="inertial",
         ),
     ]
@@ -34,5 +34,5 @@ def agglo_commands() -> list[Command]:
     """Return the commands ``agglo train`` and ``agglo model``."""
     return [
         Command("train", "agglo_gnn.training.command:train", "Train a graph neural network from a seed."),
-        Command("model", "agglo_gnn.model:model", "Look into a model file."),
+        Command("model", "agglo_gnn.model:model", "Inspect a model file."),
     ]

@@ -105,9 +105,9 @@ def load(
     except (SafetensorError, KeyError, ValueError, TypeError, OverflowError) as error:
         raise FileError(f"{path}: is corrupt or truncated: {error}") from error
     if _describe_arrays(arrays) != header["arrays"]:
-        raise FileError(f"{path}: its arrays are not those its header lists")
+        raise FileError(f"{path}: its arrays do not match the list in its header")
     if _digest(arrays) != header["sha256"]:
-        raise FileError(f"{path}: is corrupt: its contents do not have the digest its header gives")
+        raise FileError(f"{path}: is corrupt: the digest of its arrays differs from the one in its header")
     # 3. Finite values and required shapes
     for name, array in arrays.items():
         if array.dtype.kind == "f" and not np.isfinite(array).all():
@@ -129,21 +129,23 @@ def read_header(path: str | Path) -> dict[str, Any]:
     content = _content(Path(path), 8 + _HEADER)
     if content[:1] == b"\x80" or content[:2] == b"PK":
         raise FileError(
-            f"{path}: is a pickle or zip file, as torch.save writes; it is not read, because to load one "
-            "runs whatever code is in it: expected safetensors written by agglo train"
+            f"{path}: is a pickle or zip file, as written by torch.save. It is not read, because loading one "
+            "can run any code; expected safetensors written by agglo train"
         )
     # 2. Length of the safetensors header
     length, size = int.from_bytes(content[:8], "little"), Path(path).stat().st_size
     if size < 8 or length > size - 8:
         raise FileError(f"{path}: is truncated or not a safetensors file ({size} bytes)")
     if length > _HEADER:
-        raise FileError(f"{path}: its header claims {length} bytes; one of at most {_HEADER} is read")
+        raise FileError(f"{path}: its header has {length} bytes, expected at most {_HEADER}")
     # 3. Metadata of the model
     try:
         metadata = json.loads(content[8 : 8 + length])["__metadata__"]
         header = json.loads(metadata["agglo"])
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise FileError(f"{path}: has no header of an agglo model: expected one by agglo train") from error
+        raise FileError(
+            f"{path}: has no header of an agglo model; expected a file written by agglo train"
+        ) from error
     if not isinstance(header, dict):
         raise FileError(f"{path}: its header is not a JSON object")
     missing = [key for key in (*REQUIRED, "arrays", "sha256") if key not in header]

@@ -217,7 +217,7 @@ def test_looking_ahead_treats_every_block_alone(level):
         ({"lookahead": -1}, "lookahead must be"),
         ({"lookahead": True}, "lookahead must be"),
         ({"weights": 7}, "must be a model file"),
-        ({"weights": {"sage1.own": np.zeros(3)}}, "named and shaped"),
+        ({"weights": {"sage1.own": np.zeros(3)}}, "these names and shapes"),
     ],
 )
 def test_bad_options_are_refused(options, words):
@@ -227,7 +227,7 @@ def test_bad_options_are_refused(options, words):
 
 def test_looking_ahead_needs_a_size_to_look_to():
     mesh = samples.voronoi(60, 1)
-    with pytest.raises(AggloError, match=r"lookahead works with a target size.*parts \(6\)"):
+    with pytest.raises(AggloError, match=r"lookahead needs a target size.*parts \(6\)"):
         agglo.agglomerate(mesh, bisector=FastGNN(lookahead=5), n_parts=6)
     plain = FastGNN()
     assert plain.for_target(Target(parts=6)) is plain
@@ -241,7 +241,7 @@ def test_being_told_a_target_leaves_the_bisector_as_it_was(level):
 
 
 def test_weights_of_the_plane_are_refused_in_space():
-    with pytest.raises(OptionError, match="for meshes of dimension 2; this one has 3"):
+    with pytest.raises(OptionError, match="for 2-D meshes, given a 3-D one"):
         sides_of(samples.boxes(3).graph, FastGNN(arrays(1)))
 
 

@@ -233,7 +233,7 @@ def test_one_cell_and_cells_in_one_place_give_finite_features():
 
 
 def test_solids_are_refused():
-    with pytest.raises(OptionError, match="plane meshes; this graph is 3-dimensional"):
+    with pytest.raises(OptionError, match="2-D meshes only, given a 3-D one"):
         PaperGNN().bisect_level(graph_of("boxes:n=2"), np.zeros(1, np.uint64))
 
 
@@ -407,7 +407,7 @@ def test_a_training_taken_up_again_ends_in_the_same_file(tmp_path, monkeypatch):
     for change, reason in (
         (("--seed", 9), "seed=0 [(]now 9[)]"),
         (("--pieces", 0.5), "pieces=0.0 [(]now 0.5[)]"),
-        ((), "has 3 epochs done, of 3 wanted"),
+        ((), "has completed 3 epochs"),
     ):
         with pytest.raises(OptionError, match=reason):
             raise paper(tmp_path, "--epochs", 3, "--resume", *stop, *change).exception
@@ -444,14 +444,14 @@ def test_your_own_network_is_trained_and_used(nets):
     ("name", "reason"),
     [
         ("Three", r"returned shape \(23, 3\) for 23 cells, expected logits \(23, 2\)"),
-        ("Batch", "by what is in the blocks beside it$"),
-        ("Norm", "by what is in the blocks beside it in training: 'norm' is a BatchNorm1d"),
+        ("Batch", "depend on other blocks$"),
+        ("Norm", "depend on other blocks in training: 'norm' is a BatchNorm1d"),
         ("Frozen", "model file: 'norm.num_batches_tracked' is int64, and model files hold real numbers"),
-        ("Counts", "cannot be kept in a model file: 'calls' is int64.*persistent=False"),
-        ("Infinite", "cannot be kept in a model file: 'most' has values that are not finite"),
-        ("Extra", "cannot be kept in a model file: '_extra_state' is a dict"),
+        ("Counts", "cannot be saved in a model file: 'calls' is int64.*persistent=False"),
+        ("Infinite", "cannot be saved in a model file: 'most' has values that are not finite"),
+        ("Extra", "cannot be saved in a model file: '_extra_state' is a dict"),
         ("Lazy", "'first.weight' has no shape before the first call"),
-        ("Grows", "changes shape when it is asked: scale"),
+        ("Grows", "changes the shapes of its state when called: scale"),
         ("Nothing", "has no parameters to train"),
         ("Unused", "logits that do not depend on its parameters"),
         ("NotANumber", "returned logits that are not finite for a mesh of 23 cells"),

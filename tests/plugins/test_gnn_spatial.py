@@ -195,14 +195,14 @@ def test_what_was_learned_cuts_cheaper_than_axes_and_than_seven_directions():
 def test_weights_serve_one_dimension():
     plane, space = samples.squares(4).graph, samples.boxes(3).graph
     assert set(sides_of(space, FastGNN(arrays(1)))) == {0, 1}
-    with pytest.raises(OptionError, match="dimension 3; this one has 2"):
+    with pytest.raises(OptionError, match="for 3-D meshes, given a 2-D one"):
         sides_of(plane, FastGNN(arrays(1)))
-    with pytest.raises(OptionError, match="named and shaped"):
+    with pytest.raises(OptionError, match="these names and shapes"):
         FastGNN(arrays(1) | {"dense1.bias": np.zeros(3)})
 
 
 def test_looking_ahead_is_for_the_plane():
-    with pytest.raises(OptionError, match="lookahead works in the plane"):
+    with pytest.raises(OptionError, match="lookahead works in 2-D only"):
         agglo.agglomerate(samples.boxes(4), bisector=("gnn", {"lookahead": 3}), h_factor=2.0)
 
 

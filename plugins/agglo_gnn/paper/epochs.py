@@ -188,5 +188,5 @@ def choose_device(wanted: str) -> str:
     if wanted == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"
     if wanted == "cuda" and not torch.cuda.is_available():
-        raise OptionError("--device cuda: torch sees no CUDA device here; use --device cpu")
+        raise OptionError("--device cuda: torch finds no CUDA device; use --device cpu")
     return wanted

@@ -35,7 +35,7 @@ def inorm(level: Graph) -> Float:
         If the graph is not two-dimensional.
     """
     if level.dim != 2:
-        raise OptionError(f"gnn_paper splits plane meshes; this graph is {level.dim}-dimensional")
+        raise OptionError(f"gnn_paper splits 2-D meshes only, given a {level.dim}-D one")
     first, block = level.offsets[:-1], level.block_ids
     local = principal_frames(level)[1]
     size = np.maximum.reduceat(np.abs(local).max(axis=1), first)

@@ -89,10 +89,13 @@ def _resume(training: Training, checkpoint: Path, header: dict[str, Any]) -> Non
     )
     if odd:
         was = ", ".join(f"{key}={saved_options.get(key)!r} (now {options.get(key)!r})" for key in odd)
-        raise OptionError(f"{checkpoint}: belongs to a training with {was}; resume it with the same options")
+        raise OptionError(f"{checkpoint}: was trained with {was}; resume with the same options")
     epoch = saved["metrics"]["epoch"]
     if epoch >= training.recipe.epochs:
-        raise OptionError(f"{checkpoint}: has {epoch} epochs done, of {training.recipe.epochs} wanted")
+        raise OptionError(
+            f"{checkpoint}: has completed {epoch} epochs; to resume, --epochs must be larger, "
+            f"given {training.recipe.epochs}"
+        )
     training.restore(arrays, epoch)
 
 

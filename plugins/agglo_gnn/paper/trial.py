@@ -65,10 +65,10 @@ def _check_state(name: str, network: nn.Module, before: dict[str, tuple[int, ...
     """Raise OptionError for any state that a model file could not restore."""
     for key, value in network.state_dict().items():
         if reason := _unsavable_reason(value):
-            raise OptionError(f"network {name!r} cannot be kept in a model file: {key!r} {reason}")
+            raise OptionError(f"network {name!r} cannot be saved in a model file: {key!r} {reason}")
     after = _shapes(name, network)
     if odd := sorted(key for key in before.keys() | after.keys() if before.get(key) != after.get(key)):
-        raise OptionError(f"network {name!r} changes shape when it is asked: {', '.join(odd)}")
+        raise OptionError(f"network {name!r} changes the shapes of its state when called: {', '.join(odd)}")
 
 
 def _unsavable_reason(value: object) -> str:
@@ -79,7 +79,7 @@ def _unsavable_reason(value: object) -> str:
         kind = str(value.dtype).removeprefix("torch.")
         return (
             f"is {kind}, and model files hold real numbers only; "
-            "register_buffer(..., persistent=False) keeps a constant out of them"
+            "use register_buffer(..., persistent=False) for a constant"
         )
     return "" if value.isfinite().all() else "has values that are not finite"
 
@@ -110,11 +110,11 @@ def _ask(name: str, network: nn.Module) -> None:
     for a, b, mode in ((batched, alone, ""), (trained[len(first) :], changed, " in training")):
         if not torch.allclose(a, b, rtol=1e-3, atol=1e-4):
             raise OptionError(
-                f"network {name!r} answers for a block by what is in the blocks beside it{mode}"
+                f"network {name!r} returns logits of a block that depend on other blocks{mode}"
                 f"{_culprit(network)}"
             )
     if not trained.requires_grad:
-        raise OptionError(f"network {name!r} gives logits that do not depend on its parameters")
+        raise OptionError(f"network {name!r} returns logits that do not depend on its parameters")
 
 
 def _culprit(network: nn.Module) -> str:

@@ -94,8 +94,8 @@ class FastGNN:
             return self
         if target.h_star is None:
             raise OptionError(
-                "gnn: lookahead works with a target size, h_star, "
-                f"not with a number of parts ({target.parts})"
+                "gnn: lookahead needs a target size, h_star or h_factor, "
+                f"given a number of parts ({target.parts})"
             )
         ahead = copy(self)
         ahead._h_star = target.h_star
@@ -105,7 +105,7 @@ class FastGNN:
         """Return the side of each node ``(n,)``, whatever the ``seeds``."""
         if self._h_star is not None:
             if level.dim != 2:
-                raise OptionError("gnn: lookahead works in the plane; this mesh has dimension 3")
+                raise OptionError("gnn: lookahead works in 2-D only, given a 3-D mesh")
             from agglo_gnn.plane.lookahead import look_ahead
 
             return look_ahead(level, self.fast_sides, self.lookahead, self._h_star)
@@ -145,7 +145,7 @@ class FastGNN:
         """
         if self._nets and dim not in self._nets:
             (other,) = self._nets
-            raise OptionError(f"gnn: these weights are for meshes of dimension {other}; this one has {dim}")
+            raise OptionError(f"gnn: these weights are for {other}-D meshes, given a {dim}-D one")
         return self._nets[dim] if self._nets else _shipped_parameters(dim)
 
 
@@ -157,7 +157,7 @@ def _parameters(weights: str | os.PathLike[str] | Mapping[str, Any]) -> dict[int
         shapes = _MODELS[dim][1]
         wrong = [key for key, shape in shapes.items() if np.shape(arrays.get(key, 0.0)) != shape]
         if wrong or set(arrays) != set(shapes):
-            raise OptionError(f"gnn: weights must be arrays named and shaped as {dict(shapes)}")
+            raise OptionError(f"gnn: weights must be arrays with these names and shapes: {dict(shapes)}")
     elif isinstance(weights, str | os.PathLike):
         from agglo_gnn import model_file
 
@@ -166,7 +166,7 @@ def _parameters(weights: str | os.PathLike[str] | Mapping[str, Any]) -> dict[int
         architecture, shapes = _MODELS[dim]
         arrays, _ = model_file.load(path, architecture=architecture, shapes=shapes)
     else:
-        raise OptionError(f"gnn: weights must be a model file, given {weights!r}")
+        raise OptionError(f"gnn: weights must be a model file or a mapping of arrays, given {weights!r}")
     return {dim: tuple(frozen_float(arrays[key]) for key in shapes)}
 
 

@@ -23,14 +23,14 @@ _PAPER_ONLY = ("epochs", "meshes", "pieces", "rate", "network", "checkpoint", "r
 @click.option("--preset", type=click.Choice(["paper", "fast", "fast3d"]), default="fast", show_default=True)
 @click.option("-o", "--output", type=FILE, help="Model file to write (default PRESET.safetensors).")
 @click.option("--epochs", type=_COUNT, help="Passes through the training set (paper: 300).")
-@click.option("--steps", type=_COUNT, help="Of the presets fast and fast3d, 64 pieces each.")
+@click.option("--steps", type=_COUNT, help="Training steps of 64 pieces each (fast, fast3d).")
 @click.option("--seed", type=Number(int, least=0, most=2**31 - 1), default=0, show_default=True)
-@click.option("--meshes", type=_COUNT, help="Training meshes (paper: 800), a quarter to validate.")
+@click.option("--meshes", type=_COUNT, help="Training meshes (paper: 800), plus a quarter for validation.")
 @click.option("--pieces", type=_SHARE, help="Share of meshes cut down to a random piece.")
 @click.option("--rate", type=Number(float, above=0), help="Learning rate (paper: 1e-5).")
 @click.option("--network", metavar="MODULE:CLASS", help="Your own network instead of the paper's.")
 @click.option("--checkpoint", type=FILE, help="File kept up to date after each epoch (.safetensors).")
-@click.option("--resume", is_flag=True, help="Go on from the checkpoint.")
+@click.option("--resume", is_flag=True, help="Resume from the checkpoint.")
 @click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", help="Default auto.")
 @click.option("--log", type=FILE, help="Text file with a line for each epoch (fast, fast3d: each 100 steps).")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
@@ -108,7 +108,7 @@ def _check_files(target: Path, checkpoint: Path | None, log: Path | None, resume
     if checkpoint is not None and checkpoint.absolute() == target.absolute():
         raise OptionError(f"--checkpoint and --output are the same file, {target}")
     if resume and checkpoint is None:
-        raise OptionError("--resume needs --checkpoint FILE to go on from")
+        raise OptionError("--resume needs --checkpoint FILE")
 
 
 def _given_options(context: click.Context) -> dict[str, Any]:
