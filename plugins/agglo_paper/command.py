@@ -19,15 +19,15 @@ WORDS: Final = (
 )
 
 
-@click.command(short_help="The paper's tables and figures beside ours.")
+@click.command(short_help="The paper's tables and figures next to ours.")
 @click.argument("what", nargs=-1, type=click.Choice(WORDS))
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, file_okay=False), default=Path("agglo-paper"),
-    show_default=True, help="Folder of the pages and figures, and of results to go on from.",
+    show_default=True, help="Folder for pages, figures and results to resume from.",
 )  # fmt: skip
-@bisectors_option("Columns beside the paper's own (default: all).")
+@bisectors_option("Columns in addition to the paper's own (default: all).")
 @click.option("--quick", is_flag=True, help="Fewer grids, repetitions and meshes: a minute at most.")
-@click.option("--mesh", type=FILE, help="Treat this mesh as a brain too.")
+@click.option("--mesh", type=FILE, help="Make the brain tables for this mesh, too.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the tables.")
 def paper(
     what: tuple[str, ...],

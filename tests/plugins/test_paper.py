@@ -277,7 +277,7 @@ def test_a_mesh_of_ones_own(quick: Quick, tmp_path: Path, monkeypatch: pytest.Mo
         (("nonsense",), "'nonsense' is not one of"),
         (("brain", "--quick", "--mesh", "none.npz"), "none.npz"),
         (("brain", "--quick", "--mesh", "torn.npz"), "torn.npz"),
-        (("brain", "--quick", "--mesh", "solid.npz"), "plane meshes"),
+        (("brain", "--quick", "--mesh", "solid.npz"), "for 2-D meshes"),
         (("uf", "--quick", "-o", "torn.npz/below"), "torn.npz"),
     ],
 )

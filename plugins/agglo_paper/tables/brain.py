@@ -40,7 +40,7 @@ def source_of(file: Path) -> str:
         raise FileError(f"{file}: {error.strerror or error}") from None
     source = f"file:{digest}:{file}"
     if load(source).dim != 2:
-        raise MeshError(f"{file}: the paper's metrics are for plane meshes; this one is 3-dimensional")
+        raise MeshError(f"{file}: the paper's metrics are for 2-D meshes, given a 3-D one")
     return source
 
 

@@ -65,7 +65,7 @@ class Plan:
 
     def problems(self) -> list[str]:
         """Return the reasons for missing columns, one sentence each."""
-        return [f"{each.name} is not here ({each.problem})" for each in self.columns if each.problem]
+        return [f"{each.name} is not available ({each.problem})" for each in self.columns if each.problem]
 
 
 def full(columns: Sequence[Strategy]) -> Plan:
