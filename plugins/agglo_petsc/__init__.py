@@ -73,7 +73,7 @@ def agglo_components() -> list[Component]:
             target="agglo_petsc.solver.petsc_multigrid:PetscMultigrid",
             requires=("mpi4py", "petsc4py"),
             promises={"deterministic": True, "3d": True, "pickles": True, "symmetric": True},
-            summary="PETSc's PCMG on agglomerates, smoothed through patches or as PETSc does.",
+            summary="PETSc's PCMG on agglomerates, smoothed by patch sweeps or by PETSc's smoothers.",
         )
     ]
 

@@ -48,8 +48,8 @@ def from_dolfinx(domain: Any) -> Mesh:
     kind, dim = domain.topology.cell_name(), domain.geometry.dim
     if dim != domain.topology.dim or kind not in {**_POLYGONS, **_FACES}:
         raise OptionError(
-            f"cells are {kind} in {dim}-D; expected triangles or quadrilaterals in the plane, tetrahedra or "
-            "hexahedra in space"
+            f"cells are {kind} in {dim}-D; expected triangles or quadrilaterals in 2-D, tetrahedra or "
+            "hexahedra in 3-D"
         )
     # 2. Corners of the own cells
     count = domain.topology.index_map(domain.topology.dim).size_local
@@ -89,7 +89,7 @@ def to_dolfinx(domain: Any, labels: ArrayLike) -> Any:
     count, values = domain.topology.index_map(tdim).size_local, np.asarray(labels)
     if values.shape != (count,) or values.dtype.kind not in "iu":
         raise OptionError(
-            f"labels must be {count} whole numbers, one for each own cell; given {labels!r:.60}"
+            f"labels must be {count} whole numbers, one for each cell of this rank; given {labels!r:.60}"
         )
     found = meshtags(domain, tdim, np.arange(count, dtype=np.int32), values.astype(np.int32))
     found.name = "parts"

@@ -25,7 +25,7 @@ def petsc() -> Any:
         from petsc4py import PETSc
     except ImportError as error:
         raise OptionError(
-            f"PETSc cannot be used here: {error} (agglo's guide PETSc says which wheel)"
+            f"PETSc cannot be used here: {error} (see 'Install petsc4py' in agglo's guide PETSc)"
         ) from error
     if PETSc.ScalarType is not np.float64:
         raise OptionError(f"this PETSc computes with {PETSc.ScalarType.__name__}; expected one with float64")
@@ -69,7 +69,11 @@ def mat_from_rows(rows: Any, comm: Any, own_columns: int, widths: tuple[int, int
     most = np.iinfo(PETSc.IntType).max
     many = max(rows.nnz, *rows.shape) > most
     agree(
-        comm, f"{rows.nnz} entries, {rows.shape[1]} columns: more than {most}, this PETSc's" if many else ""
+        comm,
+        f"{rows.nnz} entries and {rows.shape[1]} columns: one exceeds {most}, the largest index of "
+        "this PETSc; use a PETSc with 64-bit indices"
+        if many
+        else "",
     )
     # 2. Fill the matrix
     csr = rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data.astype(np.float64)
@@ -99,8 +103,8 @@ def rows_of(mat: Any) -> Any:
         indptr, indices, data = explicit.getValuesCSR()
     except PETSc.Error as error:
         raise OptionError(
-            f"a PETSc matrix of type {mat.getType()} has no entries to be had (error {error.ierr}); "
-            "expected aij, baij, sbaij or another that converts to aij"
+            f"a PETSc matrix of type {mat.getType()} has no accessible entries (error {error.ierr}); "
+            "expected aij, baij, sbaij or another type that converts to aij"
         ) from error
     shape = (mat.getLocalSize()[0], mat.getSize()[1])
     rows = sparse.csr_array((data, indices, indptr), shape=shape)
@@ -174,7 +178,7 @@ def linear(
     offsets = np.arange(0, n + 1, size) if block_offsets is None else np.asarray(block_offsets)
     b = np.asarray(rhs, np.float64) if isinstance(rhs, np.ndarray | list | tuple) else entries(rhs)
     if b.shape != (n,):
-        raise OptionError(f"rhs must be ({n},) for that matrix, given {b.shape}")
+        raise OptionError(f"rhs must have shape ({n},) for this matrix, given {b.shape}")
     near_null = near_null_vectors(mat) if near_null is None else near_null
     B = None if near_null is None else frozen_float(np.asarray(near_null, np.float64))
     return Linear(A, frozen_float(b), frozen_int(offsets), B)

@@ -68,7 +68,7 @@ def test_a_rank_may_have_nothing(answers):
 
 def test_errors_are_raised_on_all_ranks(answers):
     spread, short = answers["wrong"]
-    assert spread.startswith("rank 1: aggregates[0] are 0 to 0 here; expected 1 to 1")
+    assert spread.startswith("rank 1: aggregates[0] are 0 to 0 on this rank; expected 1 to 1")
     assert "aggregates[0] must be 6 whole numbers" in short
 
 
@@ -126,7 +126,7 @@ def test_the_command_solves_as_in_one_process(alone, size, tmp_path):
     [
         (("-o", "u.vtu"), "u.vtu: what lies on several ranks is written as .pvtu, not '.vtu'"),
         (("--plot", "u.png"), "--plot cannot be used on a mesh distributed over several processes"),
-        (("--levels", "9"), "levels = 9 with the mesh; there are 4"),
+        (("--levels", "9"), "levels = 9, but with the mesh there are 4"),
     ],
 )
 def test_what_the_command_cannot_do_is_said_once(options, message, tmp_path):

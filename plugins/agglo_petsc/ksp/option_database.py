@@ -35,7 +35,7 @@ def parse_options(given: str | Mapping[str, Any]) -> dict[str, str]:
     if isinstance(given, Mapping):
         return dict(_pair(name, value) for name, value in given.items())
     if not isinstance(given, str):
-        raise OptionError(f"petsc_options must be a text or a mapping, given {given!r:.60}")
+        raise OptionError(f"petsc_options must be a string or a mapping, given {given!r:.60}")
     options: dict[str, str] = {}
     name = ""
     for word in shlex.split(given):
@@ -45,19 +45,19 @@ def parse_options(given: str | Mapping[str, Any]) -> dict[str, str]:
         elif name and not options[name]:
             options[name] = word
         else:
-            raise OptionError(f"petsc_options: {word!r} is no option of PETSc; expected -name or -name value")
+            raise OptionError(f"petsc_options: {word!r} is not a PETSc option; expected -name or -name value")
     return options
 
 
 def _pair(name: Any, value: Any) -> tuple[str, str]:
     key = name.removeprefix("-") if isinstance(name, str) else ""
     if not key[:1].isalpha() or " " in key:
-        raise OptionError(f"petsc_options: {name!r} is no name of an option of PETSc")
+        raise OptionError(f"petsc_options: {name!r} is not the name of a PETSc option")
     if value is None:
         return key, ""
     if not isinstance(value, str | int | float):
         raise OptionError(
-            f"petsc_options: {name} must be a text, a number or a truth value, given {value!r:.60}"
+            f"petsc_options: {name} must be a string, a number or a boolean, given {value!r:.60}"
         )
     return key, str(value).lower() if isinstance(value, bool) else str(value)
 

@@ -142,7 +142,7 @@ def _set_up(ksp: Any) -> None:
         raise failure
     if ksp.getPC().getFailedReason():
         raise np.linalg.LinAlgError(
-            "PETSc cannot factorise a matrix of the levels: it is singular, or nearly so"
+            "PETSc cannot factorise the matrix of a level: it is singular or nearly singular"
         )
 
 
@@ -161,7 +161,9 @@ def _coarse(comm: Any, solver: CoarseSolver, levels: bool) -> dict[str, str]:
     if solver == "auto":
         solver = "lu" if not several else ("mumps" if PETSc.Sys.hasExternalPackage("mumps") else "redundant")
     if solver in ("mumps", "superlu_dist") and not PETSc.Sys.hasExternalPackage(solver):
-        raise OptionError(f"coarse_solver {solver!r} is not in this PETSc; take 'auto' or 'redundant'")
+        raise OptionError(
+            f"coarse_solver {solver!r} is not available in this PETSc; use 'auto' or 'redundant'"
+        )
     options = {} if levels else {"pc_type": "lu"}
     if solver == "redundant" or (solver == "lu" and several):
         return {**options, f"{prefix}pc_type": "redundant", f"{prefix}redundant_pc_type": "lu"}
@@ -191,7 +193,7 @@ def _levels_of(pc: Any, levels: PetscLevels, smoother: str, cycle: Cycle) -> Non
         elif smoother == "patches":
             if patches is None:
                 raise OptionError(
-                    f"smoother 'patches' needs the patches of level {at}; take 'sweeps' or 'sor'"
+                    f"smoother 'patches' needs patches, but level {at} has none; use 'sweeps' or 'sor'"
                 )
             smooth = pc.getMGSmoother(count - at).getPC()
             smooth.setType("asm")

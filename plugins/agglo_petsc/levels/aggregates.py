@@ -55,7 +55,9 @@ class PetscLevels:
 Levels = PetscLevels | Hierarchy | Sequence[ArrayLike]
 """Accepted forms of levels in :func:`levels_for`: ready levels, a hierarchy, or labels per level."""
 
-_ADVICE = "(shared unknowns get labels by labels_of_unknowns; mat.setBlockSize says how many a cell has)"
+_ADVICE = (
+    "(call mat.setBlockSize if a cell has several unknowns, or labels_of_unknowns if cells share unknowns)"
+)
 
 
 def given_levels(
@@ -183,10 +185,8 @@ def levels_for(A: Any, given: Levels) -> PetscLevels:
     comm, width = A.getComm(), A.getBlockSize()
     parts = A.getLocalSize()[0] // width
     labels = [frozen_int(values) for values in (given.levels if isinstance(given, Hierarchy) else given)]
-    wrong = next(
-        (f"labels have the shape {values.shape}" for values in labels if values.shape != (parts,)), ""
-    )
-    agree(comm, wrong and f"{wrong}; the matrix has {parts} parts of {width} unknowns here {_ADVICE}")
+    wrong = next((f"labels have shape {values.shape}" for values in labels if values.shape != (parts,)), "")
+    agree(comm, wrong and f"{wrong}; the matrix has {parts} parts of {width} unknowns on this rank {_ADVICE}")
     # 2. Number aggregates across the ranks
     ups = nested_aggregates(labels)
     counts = [parts, *(int(values.max(initial=-1)) + 1 for values in ups)]
@@ -212,7 +212,7 @@ def _vertex_patches(levels: Any, labels: list[Int], first: list[int]) -> list[Pa
 
 def _petsc_matrix(P: Any) -> Any:
     if not sparse.issparse(P):
-        raise OptionError(f"a prolongation is a sparse matrix or a PETSc.Mat, given {P!r:.60}")
+        raise OptionError(f"a prolongation must be a sparse matrix or a PETSc.Mat, given {P!r:.60}")
     return mat_from_rows(P, petsc().COMM_SELF, P.shape[1])
 
 
@@ -270,11 +270,11 @@ def _number_aggregates(
             f"aggregates[{level}] must be {parts} whole numbers, one for each part; given {aggregates!r:.60}"
         )
     elif owned is not None and len(inside) and inside[-1] >= total:
-        wrong = f"aggregates[{level}] go to {inside[-1]}; the ranks have {total} of them in all"
+        wrong = f"aggregates[{level}] go up to {inside[-1]}, but all ranks together have {total} aggregates"
     elif owned is None and len(inside) and (inside[0] != first or inside[-1] != first + count - 1):
         wrong = (
-            f"aggregates[{level}] are {inside[0]} to {inside[-1]} here; expected {first} to "
-            f"{first + count - 1}: an aggregate lies on one rank, and numbers run on from rank to rank"
+            f"aggregates[{level}] are {inside[0]} to {inside[-1]} on this rank; expected {first} to "
+            f"{first + count - 1}: each aggregate must lie on one rank, numbered consecutively by rank"
         )
     agree(comm, wrong)
     return frozen_int(np.where(ids >= 0, ids, -1) if len(ids) else np.empty(0)), int(count)

@@ -77,5 +77,5 @@ def _largest_eigenvalue(A: Any, inverse: Any) -> float:
     largest = float(np.real(ritz_values).max(initial=0.0))
     indefinite = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
     if reason in (indefinite, PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC) or not 0.0 < largest < np.inf:
-        raise OptionError("the matrix is not positive definite: it has no smoothed prolongation")
+        raise OptionError("the matrix is not positive definite: the prolongation cannot be smoothed")
     return largest

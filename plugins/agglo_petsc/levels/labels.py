@@ -29,9 +29,7 @@ def nested_aggregates(labels: Sequence[Int]) -> list[Int]:
     for level, coarse in enumerate(labels):
         parent_of = multigrid.parents(labels[level - 1], coarse) if level else frozen_int(coarse)
         if parent_of is None:
-            raise OptionError(
-                f"the agglomerates of level {level} are not unions of those of the level before"
-            )
+            raise OptionError(f"the agglomerates of level {level} are not unions of those of the finer level")
         aggregates.append(parent_of)
     return aggregates
 
@@ -73,7 +71,9 @@ def labels_of_unknowns(
     rows, cells = np.asarray(unknowns), np.asarray(cell_of)
     missing = np.flatnonzero(np.bincount(rows, minlength=n)[:n] == 0)
     if len(missing) or rows.max(initial=-1) >= n:
-        raise OptionError(f"{n} unknowns: {len(missing)} are in no cell, the largest in one is {rows.max()}")
+        raise OptionError(
+            f"{n} unknowns: {len(missing)} are in no cell, and the largest index in a cell is {rows.max()}"
+        )
     part_labels: list[Int] = []
     for level, parent_of in enumerate(nested_aggregates([np.asarray(values) for values in levels])):
         part = parent_of[part_labels[-1]] if level else _of_most(rows, parent_of[cells])

@@ -102,7 +102,11 @@ def _range_fault(patches: Patches | None, parts: int) -> str:
     """Return an error message for part numbers out of range, or an empty text."""
     given = np.empty(0, np.int64) if patches is None else np.asarray(patches.parts)
     least, most = int(given.min(initial=0)), int(given.max(initial=-1))
-    return f"patches hold parts {least} to {most}; there are {parts}" if least < 0 or most >= parts else ""
+    return (
+        f"patches contain parts {least} to {most}, but there are {parts}"
+        if least < 0 or most >= parts
+        else ""
+    )
 
 
 def _memory(sweeps: Any) -> int:
@@ -166,7 +170,5 @@ class PatchSweeps:
 def require_width(width: int | None, smoother: str) -> int:
     """Return the number of unknowns per part, or raise OptionError if parts differ."""
     if width is None:
-        raise OptionError(
-            f"smoother {smoother!r} takes parts of one number of unknowns; theirs differ: take 'sor'"
-        )
+        raise OptionError(f"smoother {smoother!r} needs equally many unknowns in all parts; use 'sor'")
     return width

@@ -169,7 +169,7 @@ def solve_discretised(
     """
     mesh, PETSc, watch = hierarchy.mesh, petsc(), solvers.Stopwatch()
     if levels is not None and levels > len(hierarchy.levels) + 1:
-        raise OptionError(f"levels = {levels} with the mesh; there are {len(hierarchy.levels) + 1}")
+        raise OptionError(f"levels = {levels}, but with the mesh there are {len(hierarchy.levels) + 1}")
     # 1. Assemble
     with watch("assemble"), phase(progress, "assembling"):
         rows = _assemble_own_rows(problem, mesh, how, degree)
@@ -226,7 +226,7 @@ def _assemble_own_rows(
     with ranks.together():
         own_ids = mesh.global_ids[mesh.own]
         if not len(own_ids):
-            raise OptionError(f"rank {ranks.rank} has no cells: share the mesh out among fewer ranks")
+            raise OptionError(f"rank {ranks.rank} has no cells: distribute the mesh over fewer ranks")
         # 2. Rows of own cells, with global columns
         system, cells = discretisation.assemble(problem, wide), np.searchsorted(ids, own_ids)
         width = int(system.block_offsets[1])

@@ -200,9 +200,11 @@ class PetscMultigrid:
             ``Diffusion``.
         """
         if not isinstance(problem, Diffusion):
-            raise OptionError(f"a {problem.kind} problem cannot be had of a mesh that lies on several ranks")
+            raise OptionError(
+                f"a {problem.kind} problem cannot be solved on a distributed mesh; expected Diffusion"
+            )
         if self.coarsening == "matrix":
-            raise OptionError("coarsening 'matrix' is for one rank; on several take 'agglomerates'")
+            raise OptionError("coarsening 'matrix' needs one rank; use 'agglomerates' on several")
         return solve_discretised(
             problem,
             hierarchy,
@@ -232,14 +234,12 @@ class PetscMultigrid:
         """
         comm = self._comm()
         if comm.getSize() > 1:
-            raise OptionError(
-                "a preconditioner for scipy is of one rank; agglo_petsc.pc gives one of several"
-            )
+            raise OptionError("a SciPy preconditioner needs ranks='one'; use agglo_petsc.pc on several ranks")
         system = pose_system(problem, hierarchy, self.discretisation, self.degree, self.levels)
         try:
             rank_system, ksp = self._set_up(system, comm)
         except np.linalg.LinAlgError as failure:
-            raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
+            raise OptionError(f"the preconditioner cannot be set up for this matrix: {failure}") from failure
         b, x, pc = rank_system.b.duplicate(), rank_system.b.duplicate(), ksp.getPC()
 
         def applied(r: Float) -> Float:
@@ -287,5 +287,5 @@ def _options(options: str | Mapping[str, Any]) -> dict[str, str]:
     values = parse_options(options)
     for petsc_name, option_name in _OURS.items():
         if petsc_name in values:
-            raise OptionError(f"petsc_options: -{petsc_name} is the option {option_name} here")
+            raise OptionError(f"petsc_options: set the option {option_name} instead of -{petsc_name}")
     return values

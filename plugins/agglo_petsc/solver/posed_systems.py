@@ -93,7 +93,7 @@ def _pose_diffusion(
     system = discretisation.assemble(problem, mesh)
     matrix = sparse.csr_array(system.A)
     if not (np.isfinite(system.b).all() and np.isfinite(matrix.data).all()):
-        raise OptionError("matrix or right-hand side hold values that are not finite")
+        raise OptionError("the matrix or the right-hand side has values that are not finite")
     # 2. Scale, residual measure and levels
     factor, measure = (
         solvers.factor_for(float(np.abs(system.b).max())),
@@ -121,7 +121,9 @@ def _pose_linear(problem: Linear, hierarchy: Hierarchy, levels: int | None) -> P
     offsets, cells = frozen_int(problem.block_offsets), hierarchy.graph.n
     sizes = np.diff(offsets)
     if len(sizes) != cells:
-        raise OptionError(f"the system has unknowns in {len(sizes)} cells, the hierarchy {cells} cells")
+        raise OptionError(
+            f"the system has unknowns in {len(sizes)} cells, but the hierarchy has {cells} cells"
+        )
     if sizes.min() < 1:
         raise OptionError(f"every cell must have an unknown; cell {int(sizes.argmin())} has {sizes.min()}")
     near, factor = problem.near_null, solvers.factor_for(float(np.abs(b).max(initial=0.0)))
@@ -135,7 +137,7 @@ def _pose_linear(problem: Linear, hierarchy: Hierarchy, levels: int | None) -> P
 def _select_levels(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
     """Return the labels for the requested number of levels, the mesh included."""
     if levels is not None and levels > len(hierarchy.levels) + 1:
-        raise OptionError(f"levels = {levels} with the mesh; there are {len(hierarchy.levels) + 1}")
+        raise OptionError(f"levels = {levels}, but with the mesh there are {len(hierarchy.levels) + 1}")
     return list(hierarchy.levels)[: None if levels is None else levels - 1]
 
 

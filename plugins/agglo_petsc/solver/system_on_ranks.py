@@ -48,7 +48,7 @@ def on_ranks(system: PosedSystem, comm: Any, coarsening: Coarsening, smoother: S
     rank, ranks = comm.getRank(), comm.getSize()
     from_matrix = coarsening == "matrix" or (coarsening == "auto" and system.mesh is None and ranks == 1)
     if from_matrix and ranks > 1:
-        raise OptionError("coarsening 'matrix' is for one rank; on several take 'agglomerates'")
+        raise OptionError("coarsening 'matrix' needs one rank; use 'agglomerates' on several")
     labels = [] if from_matrix else usable_levels(system.labels, ranks)
     share = row_share(labels, len(system.offsets) - 1, rank, ranks)
     # 2. Matrix and right-hand side
