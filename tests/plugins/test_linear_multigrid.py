@@ -174,7 +174,7 @@ def test_one_unknown_in_each_cell() -> None:
 def test_what_does_not_fit_is_named() -> None:
     A, at, b = sparse.eye_array(4).tocsr(), np.arange(5), np.ones(4)
     for problem, message in (
-        (Linear(A, b, at[:-1]), "unknowns in 3 cells, the hierarchy 4"),
+        (Linear(A, b, at[:-1]), "unknowns in 3 cells, but the hierarchy has 4"),
         (Linear(A, b, np.array([0, 1, 2, 3, 5])), "from 0 to the number of unknowns 4"),
         (Linear(A, np.ones(3), at), r"b must have the shape \(4,\) or \(4, k\)"),
         (Linear(A, b, at, np.ones((3, 1))), r"near_null must have the shape \(4, k\)"),
