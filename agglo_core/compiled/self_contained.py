@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import _dynfunc  # type: ignore[attr-defined]
+from numba.core import cpu
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_machinery import register_pass
@@ -91,7 +91,7 @@ class _HelperLowering(NativeLowering):
         # Numba identifies the callee by its entry point from Python. A helper has none, hence address 0.
         lowered = state["cr"]
         name = lowered.fndesc.qualname.rpartition(".")[2]
-        entry = _dynfunc.make_function(
+        entry = cpu._dynfunc.make_function(  # type: ignore[attr-defined]
             lowered.fndesc.lookup_module(), name, "", 0, lowered.env, (state.library,)
         )
         state.targetctx.insert_user_function(entry, lowered.fndesc, [state.library])

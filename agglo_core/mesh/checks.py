@@ -230,7 +230,7 @@ def check_labels(labels: ArrayLike, n: int) -> Int:
         raise MeshError(f"label of cell {int(array.argmin())} is negative")
     missing = np.flatnonzero(np.bincount(np.minimum(array, n)) == 0)  # labels above n leave gaps
     if len(missing):
-        raise MeshError(f"labels leave gaps: no cell is labelled {int(missing[0])} (of 0..{array.max()})")
+        raise MeshError(f"labels have gaps: no cell has label {int(missing[0])} (of 0..{array.max()})")
     return array
 
 

@@ -189,16 +189,19 @@ def values(ranks: Ranks, mesh: DistributedMesh) -> None:
     assert np.array_equal(mixed, np.where(mesh.owners == 1, 0.5, 2.0))
     bounds = [0, 2, 2, 4]
     gap = np.where(own % 4 == 1, 0, own % 4)
-    refused(
-        ranks, 0, r"labels leave gaps: no cell is labelled 1 \(of 0..3\)", lambda: mesh.coarsen(gap, bounds)
-    )
+    refused(ranks, 0, r"labels have gaps: no cell has label 1 \(of 0..3\)", lambda: mesh.coarsen(gap, bounds))
     holder = int(mesh.gather(np.full(len(own), ranks.rank))[last])
     high = np.where(own == last, 4, own % 4)
     refused(
         ranks, holder, f"cell {last} has label 4, but there are 4 parts", lambda: mesh.coarsen(high, bounds)
     )
     refused(ranks, 2, "bounds differ", lambda: mesh.coarsen(own % 4, [0, 2, 2, 4 + (ranks.rank == 2)]))
-    refused(ranks, 1, "bounds must be 4 integers", lambda: mesh.coarsen(own % 4, bounds[ranks.rank == 1 :]))
+    refused(
+        ranks,
+        1,
+        "bounds must be 4 nondecreasing integers",
+        lambda: mesh.coarsen(own % 4, bounds[ranks.rank == 1 :]),
+    )
     refused(
         ranks,
         holder,

@@ -92,7 +92,7 @@ FAULTS = {
     "stopped": ["RankError: rank 1: KeyboardInterrupt: ", "KeyboardInterrupt: "],
     "no folder": ["FileError: /nowhere/plane.pvtu: the folder /nowhere does not exist"] * 2,
     "suffix": ["OptionError: /plane.vtu: distributed meshes and solutions are written as .pvtu"] * 2,
-    "a folder": ["FileError: /plane.pvtu: is a folder", "FileError: /plane.pvtu: is a folder"],
+    "a folder": ["FileError: /plane.pvtu is a folder", "FileError: /plane.pvtu is a folder"],
     "in the way": ["FileError: /plane.pvtu: /plane: exists and is not a folder", "RankError: rank 0: FileE"],
 }
 """How writing fails on rank 1 of two, or on both, and how the errors begin."""

@@ -75,7 +75,7 @@ def test_what_does_not_fit_is_refused() -> None:
     A = sparse.eye_array(4, format="csr")
     with pytest.raises(OptionError, match="labels must be 4 numbers, 0 or more"):
         additive_schwarz(A, None, [0, 1, -1, 0])
-    with pytest.raises(OptionError, match="overlap is a number of layers, 0 or more; given -1"):
+    with pytest.raises(OptionError, match="overlap must be a number of layers, 0 or more; given -1"):
         additive_schwarz(A, None, [0, 1, 1, 0], overlap=-1)
     with pytest.raises(np.linalg.LinAlgError, match="-1 in row 0"):
         direct_solver(-A)

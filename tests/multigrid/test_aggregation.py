@@ -216,7 +216,7 @@ def test_the_given_matrix_stays_as_it_is() -> None:
         ({"A": sparse.eye_array(3, dtype=complex)}, "of complex128"),
         ({"A": sparse.csr_array(np.diag([1.0, np.nan, 1.0]))}, "not finite"),
         ({"A": sparse.csr_array(np.diag([1.0, -2.0, 1.0]))}, "row 1 has -2"),
-        ({"block_offsets": [0, 2]}, "rise from 0 to 3"),
+        ({"block_offsets": [0, 2]}, "increase from 0 to 3"),
         ({"near_null": np.ones(4)}, r"shape \(3, k\); given shape \(4,\)"),
         ({"labels": [[0, 0, 0], [0, 0]]}, r"labels\[1\] has shape \(2,\)"),
         ({"theta": -1.0}, "theta must be 0 or more; given -1.0"),

@@ -156,7 +156,7 @@ def test_parts_of_others_by_name_object_and_function(voronoi: Hierarchy) -> None
         assert abs(stack.levels[1].A - stacks[0].levels[1].A).max() == 0.0
     with pytest.raises(OptionError, match="one of injection, smoothed, aggregation, ones; given 'twos'"):
         Composition("twos", registry=registry)
-    with pytest.raises(OptionError, match="transfer must be a name, an object with prolongation"):
+    with pytest.raises(OptionError, match="transfer must be a name, an object with the method prolongation"):
         Composition(OneForEachPart)
 
 
@@ -172,7 +172,7 @@ def test_options_go_with_a_name() -> None:
         ({"transfer": lambda step: 1 / 0}, "ZeroDivisionError"),
         (
             {"transfer": lambda step: CoarseSpace(step.injected, np.arange(3))},
-            "block_offsets must rise from 0 to 60",
+            "block_offsets must increase from 0 to 60",
         ),
         ({"coarse_operator": lambda step, P: step.A}, r"coarse_matrix returned \(300, 300\)"),
         ({"coarse_operator": lambda step, P: np.nan * (P.T @ P)}, "not finite"),

@@ -50,7 +50,7 @@ def claims_of(seed: int) -> int:
     found = pcg(case.A, case.b, case.M, tolerance=case.tolerance, most=3000, beta=beta, measure=measure)
     assert found.converged == (found.ended == "met")
     if not found.converged:
-        assert f"wanted {case.tolerance:.1e}" in found.reason
+        assert f"required {case.tolerance:.1e}" in found.reason
         return -1
     assert case.energy_error(found.x) <= case.tolerance, case.quality
     assert found.energy_error <= case.tolerance
@@ -231,15 +231,15 @@ def test_a_recursion_that_drifts_is_not_believed() -> None:
 REFUSED = {
     "b": (partial(pcg, A, np.ones((N, 2))), "one right-hand side"),
     "flat": (partial(pcg_columns, A, b), "right-hand sides"),
-    "A": (partial(pcg, A[:3, :3], b), r"A has the shape \(3, 3\)"),
-    "M": (partial(pcg, A, b, np.eye(3)), r"M has the shape \(3, 3\)"),
-    "x0": (partial(pcg, A, b, None, np.ones(3)), "x0 has the shape"),
+    "A": (partial(pcg, A[:3, :3], b), r"A has shape \(3, 3\)"),
+    "M": (partial(pcg, A, b, np.eye(3)), r"M has shape \(3, 3\)"),
+    "x0": (partial(pcg, A, b, None, np.ones(3)), "x0 has shape"),
     "complex": (partial(pcg, A, b * 1j), "b holds complex128"),
     "NaN": (partial(pcg, A, b * np.nan), "b holds values that are not finite"),
     "tolerance": (partial(pcg, A, b, tolerance=0.0), "tolerance must be above 0"),
-    "most": (partial(pcg, A, b, most=-1), "most must be 0 or more"),
-    "beta": (partial(pcg, A, b, beta="other"), "beta is one of flexible, fletcher-reeves"),
-    "stop": (partial(pcg, A, b, stop="never"), "stop is one of energy, residual, both"),
+    "most": (partial(pcg, A, b, most=-1), "must be 0 or more"),
+    "beta": (partial(pcg, A, b, beta="other"), "beta must be one of flexible, fletcher-reeves"),
+    "stop": (partial(pcg, A, b, stop="never"), "stop must be one of energy, residual, both"),
     "shape of z": (partial(pcg, A, b, lambda r: r[:3]), r"M must map vectors of shape \(40,\)"),
 }
 

@@ -154,9 +154,9 @@ def test_the_component_sweeps_forth_and_back() -> None:
 
 def test_what_cannot_be_smoothed_is_refused() -> None:
     A, patches = block_laplacian(2, cells=15)
-    with pytest.raises(OptionError, match=r"needs the patches of the level.*level\.patches"):
+    with pytest.raises(OptionError, match=r"requires the patches of the level.*level\.patches"):
         PatchSmoother().setup(level(A, None))
-    with pytest.raises(OptionError, match="one number of unknowns; given 1 to 29"):
+    with pytest.raises(OptionError, match="equal numbers of unknowns; given 1 to 29"):
         PatchSmoother().setup(level(A, patches, np.array([0, 1, 30])))
     with pytest.raises(OptionError, match="part 14 of 15 is in no patch"):
         VertexPatches(A, Patches(np.array([0, 14]), np.arange(14)))

@@ -74,5 +74,5 @@ def test_lines_make_up_for_coarse_unknowns_that_forget_a_direction() -> None:
 
 
 def test_no_group_of_nothing() -> None:
-    with pytest.raises(OptionError, match="most must be 1 or more"):
+    with pytest.raises(OptionError, match="must be 1 or more"):
         strong_groups(five_points(3, 1.0, 1.0), 0)

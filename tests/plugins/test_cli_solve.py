@@ -203,7 +203,7 @@ def test_the_report_of_what_did_not_converge(agglo: Agglo) -> None:
     assert (done.code, data["converged"], data["iterations"]) == (3, False, 2)
     assert len(data["residuals"]) == 3
     assert data["relative_residual"] == data["residuals"][2] / data["residuals"][0] > 1e-6
-    assert "after 2 iterations, wanted" in data["reason"]
+    assert "after 2 iterations, required" in data["reason"]
 
 
 def test_energy_and_errors_are_those_of_the_function(agglo: Agglo) -> None:
@@ -277,7 +277,7 @@ def test_not_converged_is_exit_code_3(agglo: Agglo) -> None:
         (["squares:n=4", "--smoothing-steps", "5"], "solver 'polydg_mg' "),
         (["squares:n=4", "--parts", "4", "--levels", "3"], "levels must lie in 2..2"),
         (["squares:n=4", "--levels", "1"], "levels must be a whole number, at least 2; given 1"),
-        (["squares:n=4", "--refiner", "none", "--refiner", "interface"], "--refiner none cannot be given"),
+        (["squares:n=4", "--refiner", "none", "--refiner", "interface"], "--refiner none cannot be combined"),
         (["squares:n=4", "--parts", "-4"], "each number must be positive"),
         (["squares:n=4", "--bisector", "nosuch"], "no bisector is named 'nosuch'"),
         (["squares:n=4", "--plot", "no/u.png"], "there is no folder no"),
@@ -291,10 +291,10 @@ def test_not_converged_is_exit_code_3(agglo: Agglo) -> None:
         (["squares:n=4", "--solver", "polydg_mg_paper:degree"], "not of the form option=value"),
         (["squares:n=4", "--solver", "polydg_mg_paper", "--levels", "7"], "levels must lie in 2..4"),
         (["squares:n=4", "--parts", "16"], "no level of the hierarchy is coarser than its 16 cells"),
-        (["squares:n=4", "--parts", "4", "--h-star", "0.5"], "--h-star and --parts cannot be given together"),
+        (["squares:n=4", "--parts", "4", "--h-star", "0.5"], "--h-star and --parts cannot be combined"),
         (["squares:n=4", "--parts", "4.5"], "not a comma-separated list of whole numbers"),
         (["squares:n=4", "--problem", "none.toml"], "no such file"),
-        (["squares:n=4", "-o", "u.vtk"], "u.vtk: a solution is written as .vtu"),
+        (["squares:n=4", "-o", "u.vtk"], "u.vtk: solutions are written as .vtu"),
         (["squares:n=4", "-o", "no/u.vtu"], "no/u.vtu"),
         (["squares:n=4", "--plot", "u.gif"], "pictures end in .png"),
         (["nosuch.vtu"], "nosuch.vtu"),

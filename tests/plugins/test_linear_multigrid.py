@@ -165,7 +165,7 @@ def test_one_unknown_in_each_cell() -> None:
     assert counts[0] <= 12
     assert counts[1] <= 14
     assert max(counts[2:4]) <= 16
-    with pytest.raises(OptionError, match="needs a hierarchy with levels"):
+    with pytest.raises(OptionError, match="requires a hierarchy with levels"):
         PolyDGMultigrid(recipe="agglomerates").solve(Linear(A, b, at), bare(3000))
     with pytest.raises(OptionError, match="is for linear systems"):
         PolyDGMultigrid(recipe="agglomerates").solve(Diffusion(), hierarchy)

@@ -93,7 +93,7 @@ def energy_error(x: np.ndarray) -> float:
 def test_what_does_not_converge_is_flagged() -> None:
     slow = stationary(A, b, lambda b, x: x + (b - A @ x) / 50.0, 1e-10, 3)
     assert (slow.converged, slow.iterations) == (False, 3)
-    assert "after 3 iterations, wanted" in slow.reason
+    assert "after 3 iterations, required" in slow.reason
     wild = stationary(A, b, lambda b, x: x + 10.0 * (b - A @ x), 1e-10, 100)
     assert not wild.converged
     assert wild.reason.startswith("diverged: residual")

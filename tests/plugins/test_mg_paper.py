@@ -216,7 +216,7 @@ BAD_PROBLEMS: dict[str, tuple[Callable[[int], object], str]] = {
         lambda n: Linear(sparse.eye_array(n + 1), np.ones(n + 1), np.r_[0, np.arange(n) + 2]),
         "same number of unknowns; given 1 to 2",
     ),
-    "shape": (lambda n: Linear(sparse.eye_array(n), np.ones(n - 1), np.arange(n + 1)), "A has the shape"),
+    "shape": (lambda n: Linear(sparse.eye_array(n), np.ones(n - 1), np.arange(n + 1)), "A has shape"),
     "nan": (lambda n: Linear(sparse.eye_array(n), np.full(n, np.nan), np.arange(n + 1)), "not finite"),
     "kappa of another mesh": (lambda n: Diffusion(kappa=np.ones(n + 1)), "kappa"),
     "negative kappa": (lambda n: Diffusion(kappa=-1.0), "kappa must be positive"),
@@ -242,7 +242,7 @@ def test_a_hierarchy_of_another_mesh_is_refused(solver: PaperMultigrid | PlainCG
     mesh = samples.squares(4)
     hierarchy = agglomerate(mesh, n_parts=4)
     larger = trusted_copy(hierarchy, fine=samples.squares(5))
-    with pytest.raises(OptionError, match=r"another mesh: its levels have 16 cells, Mesh\(.*has 25"):
+    with pytest.raises(OptionError, match=r"another mesh: its levels have 16 cells, but Mesh\(.*has 25"):
         solver.solve(Diffusion(), larger)
     other = replace(hierarchy, fine=replace(mesh, points=2.0 * mesh.points))
     with pytest.raises(OptionError, match=r"another mesh: cell 0 has measure 0.0625 in its graph, but 0.25"):

@@ -181,7 +181,7 @@ class _Run:
             entries(self.x),
             frozen_float(self.residuals),
             self.right,
-            MET if self.right else f"{reason_text}{sizes}, wanted {self.tolerance:.1e}",
+            MET if self.right else f"{reason_text}{sizes}, required {self.tolerance:.1e}",
             self.error if np.isfinite(self.error) else None,
             tuple(name for name, ok in zip(TESTS, test_results, strict=True) if ok),
             ended,

@@ -113,7 +113,7 @@ MUTANTS = [
     Mutant("numbering_ignored", ByNumber, "not cell numbers"),
     Mutant("constraint_kept", ForbidsAll, "too few parts"),
     Mutant("pieces_admissible", AtLeastTwo, "cannot be split"),
-    Mutant("parts_admissible", Moody, "always answer alike"),
+    Mutant("parts_admissible", Moody, "inconsistent answers"),
     Mutant("space_served_or_refused", PlaneConstraint, "only for 2-D"),
     Mutant("pickles", HoldsARule, "no lambdas", {"pickles": True}),
 ]

@@ -238,5 +238,5 @@ def test_hierarchy_belongs_to_what_was_given():
     assert from_mesh.fine is MESH
     assert from_mesh.mesh(0).n_cells == 9
     assert from_graph.fine is None
-    with pytest.raises(agglo.MeshError, match="no mesh"):
+    with pytest.raises(agglo.MeshError, match="a graph without a mesh"):
         from_graph.mesh(0)

@@ -190,7 +190,7 @@ def test_balance_needs_an_effort_for_solvers_and_a_count() -> None:
             KMeans(**fast, **more)
     with pytest.raises(OptionError, match="require an effort"):
         KMeans(balance=0.1)
-    with pytest.raises(OptionError, match="balance is for a number of parts"):
+    with pytest.raises(OptionError, match="balance applies to a number of parts"):
         agglomerate(
             MESHES["voronoi"],
             bisector=("kmeans", {"effort": "fast", "balance": 0.1}),

@@ -121,5 +121,5 @@ def test_wrong_shapes_are_refused(graph: Graph) -> None:
         ):
             with pytest.raises(OptionError, match=r"probabilities in \[0, 1\]"):
                 expectation(graph, np.full((graph.n, 2), wrong))
-    with pytest.raises(OptionError, match="edge_weights must be"):
+    with pytest.raises(OptionError, match="edge_weights must have shape"):
         functionals.cut(graph, np.zeros(graph.n, int), edge_weights=np.ones(3))

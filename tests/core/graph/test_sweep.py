@@ -87,8 +87,8 @@ def test_cells_without_weight_still_leave_two_sides():
 @pytest.mark.parametrize(
     ("scores", "words"),
     [
-        (np.zeros(3), "scores must be"),
-        (np.zeros((16, 0)), "scores must be"),
+        (np.zeros(3), "scores must have shape"),
+        (np.zeros((16, 0)), "scores must have shape"),
         (np.where(np.arange(16) == 5, np.nan, 0.0), "node 5 has nan"),
         (np.where(np.arange(16) == 2, np.inf, 0.0), "node 2 has inf"),
     ],

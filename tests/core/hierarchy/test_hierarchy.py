@@ -165,7 +165,7 @@ def test_roots_of_several_pieces_are_cut_each() -> None:
 @pytest.mark.parametrize(
     ("levels", "message"),
     [
-        ([np.repeat([0, 5], 8)], "labels leave gaps: no cell is labelled 1"),
+        ([np.repeat([0, 5], 8)], "labels have gaps: no cell has label 1"),
         ([np.repeat([0, -3], 8)], "label of cell 8 is negative"),
         ([np.repeat([0.0, np.nan], 8)], "labels must be .* integers"),
         ([np.repeat([0.0, 1.9], 8)], "labels must be .* integers"),
