@@ -159,7 +159,7 @@ def _state(data: Mapping[str, Any]) -> str:
     met = f" by {' and '.join(data['tests_met'])}" if data["tests_met"] else ""
     state = f"converged after {data['iterations']} iterations ({data['reason']}{met})"
     if not data["converged"]:
-        last = f"the solution is that of iteration {data['iterations']}"
+        last = f"the solution is from iteration {data['iterations']}"
         state = f"{data['outcome'].upper()}: {data['reason']}; {last}"
     state = f"{state}, relative residual {data['relative_residual']:.2e}"
     return state if data["energy_error"] is None else f"{state}, energy error {data['energy_error']:.2e}"

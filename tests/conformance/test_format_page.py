@@ -75,6 +75,6 @@ def test_what_a_format_loses_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(format_page, name, partial(getattr(format_page, name), registry=registry))
     found = round_trips(".toy")
     assert found is not None
-    expected = {"plane cells": "polygons", "solid cells": "refused", "digits": "lost", "labels": "lost"}
+    expected = {"2-D cells": "polygons", "3-D cells": "refused", "digits": "lost", "labels": "lost"}
     expected |= {"cell tags": "lost", "outer faces": "lost", "holes": "yes", "lossless": "no"}
     assert {name: found[name] for name in expected} == expected

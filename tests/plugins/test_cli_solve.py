@@ -166,7 +166,7 @@ def test_plain_conjugate_gradients_are_a_solver_of_their_own(agglo: Agglo) -> No
     assert len(data["energy_errors"]) == data["iterations"] + 1
     done = agglo("solve", "squares:n=8", "--solver", "polydg_cg:max_iterations=5")
     assert done.code == 3
-    assert "of 5, required 1.0e-06; the solution is that of iteration" in " ".join(done.out.split())
+    assert "of 5, required 1.0e-06; the solution is from iteration" in " ".join(done.out.split())
     assert "plain conjugate gradients" not in done.out
 
 
@@ -253,7 +253,7 @@ def test_not_converged_is_exit_code_3(agglo: Agglo) -> None:
     assert done.code == 3
     assert "NOT CONVERGED: relative residual" in done.out
     said = " ".join(done.out.split())
-    assert "after 1 iterations, required 1.0e-06; the solution is that of iteration 1" in said
+    assert "after 1 iterations, required 1.0e-06; the solution is from iteration 1" in said
     assert max(map(len, done.out.splitlines())) <= 80
 
 

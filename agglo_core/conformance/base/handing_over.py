@@ -40,7 +40,9 @@ def task_of(subject: Subject) -> dict[str, Any]:
         return task | {"component": asdict(record.component)}
     if hasattr(target, "__qualname__") and "<" not in target.__qualname__ and target.__module__ != "__main__":
         return task | {"target": [target.__module__, target.__qualname__]}
-    raise OptionError("a timeout needs a name, a declaration or a class that can be imported: not an object")
+    raise OptionError(
+        "a timeout requires a component name, a declaration or an importable class, given an object"
+    )
 
 
 def subject_from(task: Mapping[str, Any]) -> Subject:

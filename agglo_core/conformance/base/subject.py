@@ -73,7 +73,7 @@ class Subject:
         try:
             tool = self.make()
         except PLUGIN_FAILURES as error:
-            raise Broken("it cannot be built: the law builds says why") from error
+            raise Broken("it cannot be built: see the law builds") from error
         return tool if self.told is None else for_target(tool, self.told)
 
     def make(self, **extra_options: Any) -> Any:
@@ -192,7 +192,9 @@ def subject_of(
         sort, f"{sort} {_title(component)}", None, component, option_values, promises or {}, registry
     )
     if options and not subject.takes_options:
-        raise OptionError(f"{component!r:.60} is built already: options are for names and classes")
+        raise OptionError(
+            f"{component!r:.60} is already an object: options can only be passed with a name or a class"
+        )
     return subject
 
 
@@ -211,7 +213,7 @@ def find(text: str, kind: str | None = None, registry: Registry | None = None) -
     if len(kinds) == 1:
         return lookup.record(kinds[0], text)
     if kinds:
-        raise OptionError(f"{text!r} is the name of a {' and a '.join(kinds)}: say {kinds[0]}:{text}")
+        raise OptionError(f"{text!r} is the name of a {' and a '.join(kinds)}: write {kinds[0]}:{text}")
     broken = [record for record in lookup.list() if record.name == base_name and record.state == "broken"]
     if broken:  # a component of an unknown kind
         raise PluginError(f"{describe(broken[0])} cannot be used: {unusable(broken[0])}")

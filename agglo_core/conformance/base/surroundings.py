@@ -68,21 +68,21 @@ def _of_torch() -> list[Any] | None:
 
 
 _SETTINGS: Mapping[str, _Setting] = {
-    "the handling of floating-point errors (np.seterr)": _Setting(np.geterr, lambda old: np.seterr(**old)),
-    "how numpy prints": _Setting(
+    "the floating-point error handling (np.seterr)": _Setting(np.geterr, lambda old: np.seterr(**old)),
+    "the print options of numpy": _Setting(
         lambda: {key: value for key, value in np.get_printoptions().items() if key != "override_repr"},
         lambda old: np.set_printoptions(**old),
     ),
-    "the environment": _Setting(lambda: dict(os.environ), _set_environment, by_imports=True),
+    "environment variables": _Setting(lambda: dict(os.environ), _set_environment, by_imports=True),
     "the current folder": _Setting(os.getcwd, os.chdir),
-    "the filters of warnings": _Setting(lambda: tuple(warnings.filters), _set_filters, by_imports=True),
+    "the warning filters": _Setting(lambda: tuple(warnings.filters), _set_filters, by_imports=True),
     "signal handlers": _Setting(_handlers),
     "alarms": _Setting(lambda: signal.getitimer(signal.ITIMER_REAL)[0] > 0),
     "the locale": _Setting(
         lambda: locale.setlocale(locale.LC_ALL), lambda old: locale.setlocale(locale.LC_ALL, old)
     ),
-    "the limit of recursion": _Setting(sys.getrecursionlimit, sys.setrecursionlimit),
-    "the switching of threads": _Setting(sys.getswitchinterval, sys.setswitchinterval),
+    "the recursion limit": _Setting(sys.getrecursionlimit, sys.setrecursionlimit),
+    "the thread switch interval": _Setting(sys.getswitchinterval, sys.setswitchinterval),
     "the garbage collector": _Setting(lambda: (gc.isenabled(), gc.get_threshold())),
     "logging": _Setting(_logging_state, by_imports=True),
     "sys.path": _Setting(lambda: tuple(sys.path), by_imports=True),

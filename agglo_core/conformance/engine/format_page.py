@@ -23,7 +23,7 @@ from agglo_core.io import read, read_hierarchy, write
 from agglo_core.mesh import Mesh
 
 BEGIN = "<!-- written by `python -m agglo_core.conformance formats` -->"
-END = "<!-- end of what is written -->"
+END = "<!-- end of the generated table -->"
 
 FOREIGN = (".vtk", ".msh", ".avs", ".mesh", ".su2")
 """Suffixes of meshlane with an own row in the table."""
@@ -31,8 +31,8 @@ FOREIGN = (".vtk", ".msh", ".avs", ".mesh", ".su2")
 _ARRAYS = ("points", "face_offsets", "face_vertices", "face_cells")
 _NAME = "a name, 50 %"
 _CLASSES = {
-    "plane cells": ("polygons", "triangles", "quadrilaterals"),
-    "solid cells": ("polyhedra", "tetrahedra", "hexahedra"),
+    "2-D cells": ("polygons", "triangles", "quadrilaterals"),
+    "3-D cells": ("polyhedra", "tetrahedra", "hexahedra"),
 }
 _RICH = (
     "quadrilaterals",
@@ -43,7 +43,7 @@ _RICH = (
     "polyhedra",
     "polygons",
 )  # in increasing order of priority: tags are tried with the last supported shape
-_COLUMNS = ("lossless", "plane cells", "holes", "solid cells", "digits", "numbering", "cell tags", "any name",
+_COLUMNS = ("lossless", "2-D cells", "holes", "3-D cells", "digits", "numbering", "cell tags", "any name",
             "outer faces", "inner faces", "labels", "targets", "coarse meshes")  # fmt: skip
 
 

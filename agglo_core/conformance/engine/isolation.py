@@ -90,7 +90,7 @@ def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
             try:
                 line = lines.get(timeout=max(seconds, 0.0))
             except queue.Empty:
-                remedy = "look for a loop that need not end, or allow more time with --timeout"
+                remedy = "look for a loop that may not terminate, or allow more time with --timeout"
                 raise _Stopped(f"no answer after {timeout:g} seconds: {remedy}") from None
             if not line:
                 errors.seek(0)

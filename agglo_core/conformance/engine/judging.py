@@ -88,7 +88,9 @@ def judge(law: Law, subject: Subject) -> Result:
     except Broken as error:
         message = str(error)
     except PLUGIN_FAILURES as error:
-        message = f"{type(error).__name__}: {error}: the component raised where the law asks for an answer"
+        message = (
+            f"{type(error).__name__}: {error}: the component raised an error where the law requires an answer"
+        )
     seconds = time.perf_counter() - start
     if before.changed():
         before.restore()

@@ -95,9 +95,9 @@ def _system(problem: Problem, hierarchy: Hierarchy) -> tuple[Any, Float, Int]:
         sizes = np.diff(problem.block_offsets)
         return sparse.csr_array(problem.A), problem.b, np.repeat(np.arange(len(sizes)), sizes)
     if not isinstance(problem, Diffusion):
-        raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
+        raise OptionError(f"expected a Diffusion or Linear problem, given {type(problem).__name__}")
     if hierarchy.fine is None:
-        raise ValueError("diffusion needs a mesh, and this hierarchy belongs to a bare graph")
+        raise ValueError("diffusion needs a mesh, but this hierarchy belongs to a graph without a mesh")
     A, b = _fluxes(problem, hierarchy.fine)
     return A, b, np.arange(len(b))
 

@@ -23,21 +23,24 @@ _OPTIONS: Mapping[str, Mapping[str, Any]] = {
 
 _LAWS_HEAD = """# The laws
 
-What `agglo check` asks of a component, in the order in which it asks. A law with a promise is asked only of
-components that make it; nothing switches a law off but a strict `xfail` in the author's own tests. This page
-is written by `python -m agglo_core.conformance laws`.
+`agglo check` tests a component against the laws of its kind, in the order listed here. A law with a promise
+applies only to components that make this promise. A law cannot be switched off, except by a strict `xfail` in
+the author's own tests. This page is written by `python -m agglo_core.conformance laws`.
 """
 
-_COMPLIANCE_HEAD = """# How agglo's own components stand to the laws
+_COMPLIANCE_HEAD = """# Compliance of agglo's own components
 
-Every component of the distribution, judged by the laws of its kind and by those its promises bring. This page
+Every component of the distribution, tested against the laws of its kind and those of its promises. This page
 is written by `python -m agglo_core.conformance compliance`.
 """
 
 
 def laws_page() -> str:
     """Return the Markdown page of laws by kind, with name, promise and sentence."""
-    text = [_LAWS_HEAD, f"{len(all_laws())} laws in all; those of several kinds are listed under each.\n"]
+    text = [
+        _LAWS_HEAD,
+        f"{len(all_laws())} laws in total; laws for several kinds are listed under each of them.\n",
+    ]
     for kind in KINDS:
         laws = laws_of(kind)
         text.append(f"## {kind.capitalize()}: {len(laws)} laws\n\n{_table(laws)}")
@@ -92,7 +95,7 @@ def _table(laws: Sequence[Law]) -> str:
     rows = [
         f"| `{law.name}` | {f'`{law.promise}`' if law.promise else ''} | {law.sentence} |" for law in laws
     ]
-    return "\n".join(["| law | promise | what it says |", "|---|---|---|", *rows]) + "\n"
+    return "\n".join(["| law | promise | requirement |", "|---|---|---|", *rows]) + "\n"
 
 
 def _promises(kind: str, name: str) -> str:

@@ -25,7 +25,7 @@ def early_ends(kind: str) -> list[Case]:
         return [*early_cases, *_problems(), *unlike_diffusion()]
     if kind == "metric":
         mesh = small_meshes.grid(4, 3)
-        wrong = {"labels with a gap": np.arange(12) % 3 * 2, "labels of fewer cells": np.arange(5) % 2}
+        wrong = {"labels with a gap": np.arange(12) % 3 * 2, "labels for too few cells": np.arange(5) % 2}
         early_cases += [Case(name, (mesh, frozen_int(labels))) for name, labels in wrong.items()]
     if kind == "smoother":
         case = cases(kind)[0]
@@ -56,7 +56,7 @@ def _problems() -> list[Case]:
         "a right-hand side with NaN": replace(fine, b=frozen_float(none + np.nan)),
         "a singular system": laplacian(graph, 1, shift=0.0),
         "a matrix of zeros": replace(fine, A=0.0 * fine.A),
-        "a system of fewer cells": Linear(fine.A[1:, 1:], fine.b[1:], np.arange(n)),
+        "a system with too few cells": Linear(fine.A[1:, 1:], fine.b[1:], np.arange(n)),
     }
     problem_cases = [Case(name, (problem, hierarchy)) for name, problem in problems.items()]
     return [*problem_cases, Case("diffusion without a mesh", (Diffusion(), meshless_hierarchy))]

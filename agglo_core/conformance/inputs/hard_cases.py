@@ -48,7 +48,7 @@ def unusual_cases(kind: str) -> list[Case]:
         "600 cells in 300 parts": np.arange(600) // 2,
         "600 cells, each alone": np.arange(600),
         "600 cells in one part": np.zeros(600),
-        "600 cells in 150 parts in pieces": clumps(graph, 150, strays=0.2),
+        "600 cells in 150 parts, some of them disconnected": clumps(graph, 150, strays=0.2),
     }
     return label_cases + [
         labelled_case(kind, graph, name, frozen_int(labels), "both") for name, labels in hundreds.items()

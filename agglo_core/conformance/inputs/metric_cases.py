@@ -97,7 +97,9 @@ def shapes() -> list[Case]:
         Case("a cell of 60 sides", (_polygon(np.ones(60)), frozen_int([0]))),
         Case("a star", (_polygon(np.resize([1.0, 0.1], 14)), frozen_int([0]))),
         Case("needles", (small_meshes.grid(3, 2, height=1e-4), frozen_int(np.arange(6)))),
-        Case("a part that is a component, beside parts of the other", (two_grids, frozen_int(cut))),
+        Case(
+            ("a part that is a component, next to parts of the other component"), (two_grids, frozen_int(cut))
+        ),
         Case("two components, each a part", (two_grids, frozen_int(component))),
     ]
 
@@ -244,7 +246,7 @@ def various_cases() -> list[Case]:
     return [
         Case("tagged cells of unequal sizes", (_graded_mesh(), _shuffle_labels(np.arange(63) * 11 // 63))),
         Case("295 parts, most of one cell", (grid, _shuffle_labels(grid_labels))),
-        Case("a long part beside fifty cells", (strip, frozen_int(strip_labels))),
+        Case("a long part next to fifty cells", (strip, frozen_int(strip_labels))),
         Case("crooked parts", (small_meshes.grid(7, 9, jitter=0.2), _shuffle_labels(crooked_labels))),
         *(case for case in topology_cases() if "point" not in case.name),
     ]

@@ -187,7 +187,8 @@ def plain(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:
     values = np.asarray(result.x if isinstance(result, Solution) else result)
     if values.dtype.kind not in "iubf" or values.ndim != 1 or case.size not in (None, len(values)):
         raise Broken(
-            f"on {case.name}: {in_words(result)} is not an answer; fix the law above that says so first"
+            f"on {case.name}: {in_words(result)} is not a valid answer; fix the failure of the earlier law "
+            "first"
         )
     sides = subject.kind == "bisector" and len(case.given) == 2
     return values >= 0.5 if sides and values.dtype.kind == "f" else values
@@ -285,5 +286,11 @@ def _blame(subject: Subject, tool: Any, error: BaseException) -> str:
     location = f"{component_frames[-1].filename}:{component_frames[-1].lineno}"
     text = f"it raised {type(error).__name__}: {error} ({location})"
     if "read-only" in str(error):
-        return f"{text}. Input arrays are read-only because others use them too: change a copy (a = a.copy())"
-    return f"{text}. It must answer here: treat this case, or say in an AggloError what it cannot do"
+        return (
+            f"{text}. Input arrays are read-only because other code uses them too: change a copy (a = "
+            "a.copy())"
+        )
+    return (
+        f"{text}. An answer is required here: handle this case, or raise an AggloError that names the "
+        "limitation"
+    )

@@ -96,7 +96,7 @@ def awkward_cases() -> list[Case]:
     shapes = {
         "one part": on_levels(mesh, whole),
         "three levels": on_levels(mesh, fours, quarters, whole),
-        "parts in pieces": on_levels(mesh, loose),
+        "disconnected parts": on_levels(mesh, loose),
     }
     meshless_hierarchy = Hierarchy(None, graph, [fours], [{"n_parts": 16}], nested=True)
     rough = Diffusion(kappa=kappa, source=lambda x: np.where(x[:, 0] < 4.0, 1.0, -3.0))

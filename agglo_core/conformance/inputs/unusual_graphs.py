@@ -26,19 +26,19 @@ def graphs_by_description() -> dict[str, Graph]:
     """Return connected graphs with one block by description, with new arrays in each call."""
     builders: dict[str, Callable[[], Graph]] = {
         "cells whose weights are not their measures": _uneven,
-        "cells whose measures differ a million times": _graded_rectangles,
+        "cells whose measures differ by a factor of a million": _graded_rectangles,
         "cells without weight": _weightless,
-        "interfaces of which a third have no measure": _thin,
+        "interfaces, a third of them without measure": _thin,
         "a cell with 300 neighbours": _hub,
         "triangles of random points": _random_triangles,
         "cells on both sides of a slit": _slit,
         "600 cells": _six_hundred,
         "a chain of 2000 cells": _chain,
-        "cells whose weights differ a trillion times": _steep,
+        "cells whose weights differ by a factor of a trillion": _steep,
         "cells that weigh a trillionth": lambda: _grid_of_weight(1e-12),
         "cells that weigh a trillion": lambda: _grid_of_weight(1e12),
-        "cells of a size of 1e-8": lambda: _grid_of_size(1e-8),
-        "cells of a size of 1e8": lambda: _grid_of_size(1e8),
+        "cells of size 1e-8": lambda: _grid_of_size(1e-8),
+        "cells of size 1e8": lambda: _grid_of_size(1e8),
         "cells far from the origin": _far,
     }
     return {name: fresh(build()) for name, build in builders.items()}

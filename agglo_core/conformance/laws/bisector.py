@@ -106,15 +106,15 @@ def _require_independent_targets(
         tools.append(for_target(tool, target))
         require(
             _answers_as_before(subject, tools[-1], test_cases, answers),
-            f"for {target} it answers otherwise once for_target was called for another target: what it keeps "
-            "must be keyed by the whole target",
+            f"for {target} its answer changes once for_target was called for another target: key any cache "
+            "by the whole target",
         )
     require(
         all(
             map(_answers_as_before, repeat(subject), tools, repeat(test_cases), [before, *expected.values()])
         ),
-        "it answers otherwise after for_target was called for another target: return a new object, and "
-        "leave self as it is",
+        "its answer changes after for_target was called for another target: return a new object, and leave "
+        "self unchanged",
     )
 
 
@@ -133,7 +133,7 @@ def _targets_taken(subject: Subject) -> list[Target]:
         with suppress(AggloError):
             for_target(subject.build(), target)
             targets.append(target)
-    require(targets, "for_target refuses every target, numbers of parts and sizes: return self instead")
+    require(targets, "for_target refuses every target, both counts and sizes: return self instead")
     return targets
 
 
@@ -150,7 +150,7 @@ def _both_sides(subject: Subject, tool: Any, case: Case, target: Target) -> NDAr
     )
     require(
         subject.fallback or not len(one_sided(case.given[0], sides)),
-        f"on {case.name}, for {target}: a piece came out on one side",
+        f"on {case.name}, for {target}: all cells of a piece are on one side",
     )
     return sides
 
@@ -167,8 +167,8 @@ def two_sides(subject: Subject) -> None:
     max_bad = pieces // 2 if subject.fallback else 0
     require(
         len(bad) <= max_bad,
-        f"on {'; '.join(bad[:3])}: all cells came out on one side: split at the median where your rule finds "
-        "no cut, or declare fallback='inertial' (Component) for a model that may fail",
+        f"on {'; '.join(bad[:3])}: all cells are on one side: split at the median where your rule finds no "
+        "cut, or declare fallback='inertial' (Component) for a model that may fail",
     )
 
 
@@ -207,8 +207,8 @@ def kway_parts(subject: Subject) -> None:
             n_nonempty = len(np.unique(_partition(subject, case, parts)))
             require(
                 2 * n_nonempty >= parts and n_nonempty > 1,
-                f"on {case.name}: {n_nonempty} parts came out of {parts}: target.parts is how many are "
-                "wanted",
+                f"on {case.name}: {n_nonempty} parts are nonempty of {parts}: target.parts is the requested "
+                "count",
             )
 
 

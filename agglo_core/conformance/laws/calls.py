@@ -82,8 +82,8 @@ def nothing_carried_over(subject: Subject) -> None:
                 result = plain(subject, tool, case)
             require(
                 same(result, expected[place]),
-                f"on {case.name}: it answers otherwise after questions about meshes of the same size: a "
-                "cache must be keyed by all that decides, not by the number of cells or id()",
+                f"on {case.name}: its answer changes after calls on other meshes of the same size: key a "
+                "cache by all the data that determine the answer, not by the number of cells or id()",
             )
             del case, result
 
@@ -130,8 +130,8 @@ def in_two_threads(subject: Subject) -> None:
             answers = _nest_calls(subject, (few_cases[0], meanwhile), home, stop)
             require(
                 all(map(same, answers, expected)),
-                f"on {few_cases[0].name}: it answers otherwise if another call begins meanwhile: pass what a "
-                "call needs from method to method instead of keeping it in self",
+                f"on {few_cases[0].name}: its answer changes if another call starts meanwhile: pass the "
+                "data of a call between methods as arguments instead of keeping them in self",
             )
 
 
@@ -218,7 +218,7 @@ def lets_go(subject: Subject) -> None:
         usage = _measure_usage(subject, tool)
     finally:
         gc.unfreeze()
-    require(not all(alive), f"what it was given in {len(alive)} calls is still in memory: {remedy}")
+    require(not all(alive), f"the input or answer of {len(alive)} calls is still in memory: {remedy}")
     # Resources: the smallest growth over the rounds must be negligible.
     growth = _growth_per_call(usage).min(axis=0)
     require(growth[0] <= _KEPT_BYTES, f"each call leaves {growth[0]:.0f} bytes behind: {remedy}")
@@ -311,7 +311,7 @@ def _require_independent_blocks(subject: Subject, case: Case, blocks: Sequence[i
     graph = case.given[0]
     remedy = (
         "take sums, extremes and scales within each block (graph.block_ids, graph.offsets), never over the "
-        "whole level, and keep nothing from the block before"
+        "whole level, and keep nothing from the previous block"
     )
     # The whole level, then each chosen block alone.
     tool = subject.build()
@@ -320,7 +320,7 @@ def _require_independent_blocks(subject: Subject, case: Case, blocks: Sequence[i
         alone = plain(subject, subject.build(), _move_other_points(part_of_level(case, [block])))
         require(
             same(alone, together[block]),
-            f"a block of {len(alone)} cells has another result alone than in a level: {remedy}",
+            f"a block of {len(alone)} cells has a different result alone than in a level: {remedy}",
         )
     # A random selection of blocks in random order.
     other_blocks = np.random.default_rng(3).permutation(np.delete(np.arange(graph.n_blocks), blocks[0]))
@@ -329,7 +329,7 @@ def _require_independent_blocks(subject: Subject, case: Case, blocks: Sequence[i
     for block, part in zip(order, chunks(shuffled.given[0], plain(subject, tool, shuffled)), strict=True):
         require(
             same(part, together[block]),
-            f"a block of {len(part)} cells has another result in another order of blocks: {remedy}",
+            f"a block of {len(part)} cells has a different result in another order of blocks: {remedy}",
         )
 
 
@@ -356,8 +356,8 @@ def never_written(subject: Subject) -> None:
         line = find_writing_line(partial(answer, subject, tool, case), folder, arrays_in(case))
         require(
             line is None,
-            f"on {case.name}: the arrays given, or the matrix, are changed for a while (line {line}): "
-            "whoever uses them at the same time gets wrong results; work on a copy",
+            f"on {case.name}: the given arrays or the matrix are changed temporarily (line {line}): other "
+            "threads that read them get wrong results; work on a copy",
         )
 
 
@@ -373,8 +373,8 @@ def read_anew(subject: Subject) -> None:
                 expected = plain(subject, subject.build(), in_own_arrays(case))
             require(
                 same(result, expected),
-                f"on {case.name}, other numbers in the same arrays: it answers unlike a fresh object: "
-                "an array is not known by being the same object; keep nothing by id()",
+                f"on {case.name}, with other values in the same arrays: its answer differs from that of a "
+                "fresh object: the same array object may hold other values, so never key a cache by id()",
             )
             _change(case)
 
@@ -399,7 +399,7 @@ _KINDS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother", "const
 @law(*_KINDS)
 def ends_early_without_trace(subject: Subject) -> None:
     """Calls that are refused, fail or have nothing to do change no setting, and print and write nothing."""
-    remedy = "a with block (np.errstate) or finally puts things back on every way out"
+    remedy = "a with block (np.errstate) or finally restores settings on every exit path"
     for case in early_ends(subject.kind):
         digests, before, printed = dict(fingerprints(case.given)), Snapshot(), io.StringIO()
         with (
@@ -416,11 +416,13 @@ def ends_early_without_trace(subject: Subject) -> None:
         changed = before.changed()
         before.restore()
         require(not changed, f"on {case.name}: it changed {', '.join(changed)}: {remedy}")
-        require(not text, f"on {case.name}: it printed {text!r:.60}: say it in the error or in the reason")
+        require(
+            not text, (f"on {case.name}: it printed {text!r:.60}: put this text into the error or the reason")
+        )
         require(random_kept, f"on {case.name}: it drew from, or seeded, the global random state")
         require(
             not new_files,
             f"on {case.name}: it left {', '.join(new_files)} in the current folder: write no files",
         )
         after = dict(fingerprints(case.given))
-        require(digests == after, f"on {case.name}: it changed what it was given: work on a copy")
+        require(digests == after, f"on {case.name}: it changed its input: work on a copy")

@@ -43,8 +43,8 @@ def both_directions(subject: Subject) -> None:
         one_way = np.flatnonzero(pairs != pairs.T)
         require(
             not len(one_way),
-            f"on {case.name}: {len(one_way) // 2} edges are forbidden in one direction alone: each edge "
-            "stands in the graph twice, treat both cells of an entry alike",
+            f"on {case.name}: {len(one_way) // 2} edges are forbidden in one direction only: the graph "
+            "stores each edge twice; treat both cells of an entry alike",
         )
 
 
@@ -94,7 +94,8 @@ def constraint_kept(subject: Subject) -> None:
     parts = int(labels.max()) + 1
     require(
         pieces == parts,
-        f"the {parts} parts of a run are {pieces} without the edges it forbids: always forbid the same",
+        f"the {parts} parts of a run fall into {pieces} pieces without the edges it forbids: always forbid "
+        "the same edges",
     )
 
 
@@ -121,7 +122,7 @@ def pieces_admissible(subject: Subject) -> None:
         piece_mask = answer(subject, subject.build(), finer)["admissible"]
         require(
             bool((piece_mask | ~method_masks["admissible"][part_of_piece]).all()),
-            f"on {finer.name}: a piece of an admissible part is not",
+            f"on {finer.name}: a piece of an admissible part is not admissible",
         )
 
 
@@ -141,7 +142,7 @@ def parts_admissible(subject: Subject) -> None:
     method_masks = answer(subject, tool, Case("the parts of a run", (mesh, labels)))
     if "admissible" in method_masks:
         honest = bool(method_masks["admissible"].all())
-        require(honest, "a part of a run is not admissible: it must always answer alike")
+        require(honest, "a part of a run is not admissible: return the same answer in every call")
 
 
 def _pairs(graph: Graph, mask: Mask) -> Int:

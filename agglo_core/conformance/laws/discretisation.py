@@ -54,7 +54,7 @@ def constants_kept(subject: Subject) -> None:
         n = answer(subject, tool, case).n
         require(x.shape == (n,), f"on {case.name}: project returned {in_words(x)}, expected ({n},) unknowns")
         values = as_array(tool.evaluate(mesh, x, mesh.cell_centroids))
-        _require_constant(case.name, "evaluate", values, (mesh.n_cells,), "points in one cell each")
+        _require_constant(case.name, "evaluate", values, (mesh.n_cells,), "the centroid of each cell")
         samples = tool.sample(mesh, x)
         require(
             isinstance(samples, Samples),

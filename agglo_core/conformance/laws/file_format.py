@@ -95,7 +95,13 @@ def hierarchy_kept(subject: Subject) -> None:
             f"on {case.name}: read_hierarchy returned {in_words(result)}, expected (mesh, hierarchy)",
         )
         equal = len(result[1].levels) == 2 and all(map(np.array_equal, result[1].levels, levels))
-        require(equal, f"on {case.name}: the labels that came back are others: finest level first, as given")
+        require(
+            equal,
+            (
+                f"on {case.name}: the labels read differ from those written: keep the order of the levels, "
+                "finest first"
+            ),
+        )
 
 
 @law("format")
@@ -128,8 +134,8 @@ def files_left_alone(subject: Subject) -> None:
             untouched = (folder / "other.txt").read_text() == "not yours"
             require(
                 path.is_file() and names == ["other.txt"] and untouched,
-                f"on {case.name}: beside {path.name} there is now {', '.join(names)}: write the file you are "
-                "given, and others only under names that begin with its stem",
+                f"on {case.name}: next to {path.name} there is now {', '.join(names)}: write the given "
+                "file, and other files only under names that begin with its stem",
             )
             before = _contents(folder)
             subject.build().read(path)
@@ -182,7 +188,10 @@ def _require_refused(tool: Any, suffix: str, name: str, content: bytes, mesh: Me
                 f"on {name}: reading raised {type(error).__name__}: {error}: raise agglo's FileError instead"
             ) from error
     whole = mesh is not None and isinstance(back, Mesh) and not _difference(mesh, back)
-    require(whole, f"on {name}: it was read as {back!r:.60}: count what was read and raise a FileError")
+    require(
+        whole,
+        (f"on {name}: it was read as {back!r:.60}: check the number of values read, and raise a FileError"),
+    )
 
 
 def _with_face_tags(mesh: Mesh) -> Mesh:

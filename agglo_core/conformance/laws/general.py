@@ -17,13 +17,16 @@ from agglo_core.registry.containment import PLUGIN_FAILURES
 
 _NO_OPTION = "no_such_option"
 _REFUSING = {
-    "solver": "it refuses every problem: a solver takes Diffusion or Linear problems, or those its attribute "
-    "accepts names",
-    "discretisation": "it refuses every problem: it takes Diffusion problems, or those its attribute accepts "
-    "names",
-    "format": "it refuses to write every mesh, plain triangles too: an AggloError is for what it cannot hold",
-    "constraint": f"it refuses every graph: those it is tried on have the cell tag {TAG!r} (graph.data), so "
-    "check it with the option that names a tag set to that",
+    "solver": "it refuses every problem: a solver must accept Diffusion or Linear problems, or the kinds "
+    "listed in its attribute accepts",
+    "discretisation": "it refuses every problem: it must accept Diffusion problems, or the kinds listed in "
+    "its attribute accepts",
+    "format": (
+        "it refuses to write every mesh, even plain triangles: raise an AggloError only for data that the "
+        "format cannot store"
+    ),
+    "constraint": f"it refuses every graph: the test graphs have the cell tag {TAG!r} (graph.data), so set "
+    "the option that names a tag to it",
 }
 """Remedy if a component that may refuse some cases refuses all of them."""
 
@@ -46,7 +49,7 @@ def builds(subject: Subject) -> None:
     except (OptionError, TypeError) as error:
         require(
             subject.record is None or subject.name in str(error),
-            f"the error {str(error)!r:.60} does not name {subject.name!r}: whoever reads it has many",
+            f"the error {str(error)!r:.60} does not name {subject.name!r}: users have many components",
         )
         return
     except PLUGIN_FAILURES as error:
@@ -64,15 +67,15 @@ def promises_can_be_kept(subject: Subject) -> None:
     empty = sorted(set(subject.declared) - promises)
     require(
         not empty,
-        f"promise {', '.join(empty)} means nothing for a {subject.kind}: leave it out "
-        f"(there are {', '.join(sorted(promises)) or 'none'})",
+        f"promise {', '.join(empty)} does not apply to a {subject.kind}: remove it (accepted: "
+        f"{', '.join(sorted(promises)) or 'none'})",
     )
 
 
 @law(*(kind for kind in ASKED if kind != "format"))
 def surroundings_kept(subject: Subject) -> None:
     """Process settings are kept: np.seterr, environment, folder, warnings, signals, threads, files."""
-    remedy = "they belong to the program: change them in a with block (np.errstate) or not at all"
+    remedy = "these settings belong to the program: change them in a with block (np.errstate) or not at all"
     require(not subject.disturbed, f"building it changed {', '.join(subject.disturbed)}: {remedy}")
     tool, before = subject.build(), Snapshot()
     for tools in ((tool,), ()):  # the first round may import modules

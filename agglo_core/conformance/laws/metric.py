@@ -58,7 +58,10 @@ def declares_itself(subject: Subject) -> None:
     )
     for name in _TOLD:
         value = getattr(tool, name, False)
-        require(isinstance(value, bool), f"attribute {name} is {value!r}, expected True, False or none")
+        require(
+            isinstance(value, bool),
+            (f"attribute {name} is {value!r}, expected True or False, or no such attribute"),
+        )
 
 
 @law("metric")
@@ -79,8 +82,7 @@ def finite(subject: Subject) -> None:
     """Values are finite, or NaN if ``undefined`` is set."""
     for case in _every_shape(subject):
         _require_finite(
-            subject, case, "decide what the value is where a quotient has no denominator; if there is none, "
-            "return NaN and say undefined = True"
+            subject, case, "define the value for a zero denominator, or return NaN and set undefined = True"
         )  # fmt: skip
 
 
@@ -89,7 +91,10 @@ def defined_on_squares(subject: Subject) -> None:
     """Plain squares have a finite value even if ``undefined`` is set."""
     case = by_hand()[0]
     values = plain(subject, subject.build(), case)
-    require(np.isfinite(values).all(), f"on {case.name}: values are {values}: what is it that it measures?")
+    require(
+        np.isfinite(values).all(),
+        (f"on {case.name}: values are {values}: return a finite value at least for plain squares"),
+    )
 
 
 @law("metric")
@@ -137,7 +142,7 @@ def shape_only_is_true(subject: Subject) -> None:
     for case, variant in pairs:
         require_close(
             plain(subject, subject.build(), variant), plain(subject, subject.build(), case),
-            f"on {variant.name}", "look at the outline alone, whatever edges it is cut in, or drop "
+            f"on {variant.name}", "use only the outline, however it is divided into edges, or drop "
             "shape_only = True", 2e-4, allowed_rounding(subject, case, 1e-5),
         )  # fmt: skip
 
@@ -240,9 +245,9 @@ def changes_add_up(subject: Subject) -> None:
         mismatches = np.flatnonzero(np.abs(changes - sums) > 1e-8 * size)
         require(
             not len(mismatches),
-            f"on {case.name}: changes says {changes[mismatches[:1]]}, measure changes by "
-            f"{np.array(sums)[mismatches[:1]]}: it is the sum of all values after the "
-            "move, less the sum before",
+            f"on {case.name}: changes returned {changes[mismatches[:1]]}, the sum of measure changes by "
+            f"{np.array(sums)[mismatches[:1]]}: return the sum of all values after the move minus the sum "
+            "before",
         )
 
 
@@ -262,8 +267,8 @@ def changes_of_these_labels(subject: Subject) -> None:
             )
             require(
                 bool(np.allclose(changes, expected, rtol=1e-9, atol=1e-9 * (1 + np.abs(expected).max()))),
-                f"on {case.name}, after a cell was moved in the same array: changes says {changes[:3]}, a "
-                f"fresh object {expected[:3]}: an array that is the same object may hold other labels by now",
+                f"on {case.name}, after a cell was moved in the same array: changes returned {changes[:3]}, "
+                f"that of a fresh object {expected[:3]}: the same array object may hold other labels now",
             )
             # Apply the last move to the same array.
             current_labels[cells[-1]] = parts[-1]
@@ -273,7 +278,8 @@ def _ask_changes(name: str, tool: Any, graph: Graph, labels: Int, cells: Int, pa
     changes = np.asarray(tool.changes(graph, labels, cells, parts))
     require(
         changes.shape == cells.shape,
-        f"on {name}: changes returned {in_words(changes)} for {len(cells)} moves, expected one each",
+        f"on {name}: changes returned {in_words(changes)} for {len(cells)} moves, expected one value per "
+        "move",
     )
     return changes
 
@@ -313,8 +319,8 @@ def homogeneous(subject: Subject) -> None:
             require_close(
                 _values(subject, transform_case(case, Change(scale=scale))[0]), before * scale**power,
                 f"on {case.name} scaled by {scale:g}",
-                f"homogeneity {power} is declared: divide by a length, declare the true power, and add no "
-                "small constant nor round to decimals: both mean something else on a small mesh",
+                f"homogeneity {power} is declared: divide by a length, or declare the true power; do not "
+                "add small constants or round to decimals, because their effect depends on the mesh size",
                 floor=allowed_rounding(subject, case, 1e-7) * scale**power,
             )  # fmt: skip
 
@@ -362,8 +368,8 @@ def unmoved_in_space(subject: Subject) -> None:
             require(
                 bool(powers),
                 f"on {case.name} scaled by {scale:g}: values {before[:3]} became {scaled[:3]}, with "
-                f"homogeneity {declared}: ratios do not change, lengths may become areas: in 3-D the power "
-                "of a length is one number between the declared one and twice that",
+                f"homogeneity {declared}: in 3-D ratios must not change, and other values must scale with "
+                "one power between the declared one and twice that (lengths may become areas)",
             )
         _require_unmoved(subject, case)
         _require_same_renumbered(subject, case, "entry i must belong to label i")
@@ -391,7 +397,7 @@ def each_call_alone(subject: Subject) -> None:
         require_close(
             plain(subject, tool, variant), _values(subject, variant),
             f"on {variant.name}, after other questions",
-            "keep nothing between calls: neither counts and points of a mesh nor its name say which it is",
+            "keep nothing between calls: a mesh is not identified by its counts, its points or its name",
             floor=allowed_rounding(subject, variant, 1e-7),
         )  # fmt: skip
 
@@ -404,7 +410,7 @@ def far_parts_do_not_matter(subject: Subject) -> None:
     for variant in variants:
         require_close(
             _values(subject, variant)[:6], before, f"on {variant.name}, at the other end",
-            "a value that is compared with those of all parts, as diam(P) / h is, says relative = True", 1e-8,
+            "set relative = True if a value is relative to those of all parts, as diam(P) / h is", 1e-8,
             allowed_rounding(subject, case, 1e-8),
         )  # fmt: skip
 
@@ -420,8 +426,8 @@ def better_is_better(subject: Subject) -> None:
     require(
         not worse or not all(worse),
         f"better is {tool.better!r}, yet the means of squares, bars, zigzags and loose cells are "
-        f"{[[round(mean, 4) for mean in means] for means in layout_means][:1]}: declare the other direction; "
-        "if long parts are wanted along some direction, say directional = True",
+        f"{[[round(mean, 4) for mean in means] for means in layout_means][:1]}: declare the other "
+        "direction; if long parts are wanted along some direction, set directional = True",
     )
 
 
@@ -456,8 +462,8 @@ def _require_unmoved(subject: Subject, case: Case) -> None:
         if not (directional and (change.turned or change.mirror)):
             require_close(
                 _values(subject, transform_case(case, change)[0]), before, f"on {case.name} {name}",
-                "measure lengths and angles, not coordinates (or say directional = True if the axes are what "
-                "it is about); mesh.local_points keeps digits far from 0", _ROUNDED,
+                "measure lengths and angles, not coordinates (or set directional = True if the metric "
+                "refers to the axes); mesh.local_points keeps precision far from 0", _ROUNDED,
                 allowed_rounding(subject, case, 1e-5),
             )  # fmt: skip
 

@@ -37,8 +37,8 @@ def prolongation_fits(subject: Subject) -> None:
             dealt = len(offsets) == parts + 1 and offsets[0] == 0 and offsets[-1] == P.shape[1]
         require(
             dealt,
-            f"on {case.name}: its {P.shape[1]} columns cannot be dealt out to {parts} parts: return "
-            "CoarseSpace(P, block_offsets), whose offsets rise from 0 to the number of columns",
+            f"on {case.name}: its {P.shape[1]} columns cannot be divided evenly among {parts} parts: return "
+            "CoarseSpace(P, block_offsets), whose offsets increase from 0 to the number of columns",
         )
 
 
@@ -51,7 +51,7 @@ def columns_independent(subject: Subject) -> None:
         rank = np.linalg.matrix_rank(P / np.where(size > 0.0, size, 1.0), tol=1e-8)
         require(
             rank == P.shape[1],
-            f"on {case.name}: {P.shape[1]} columns have the rank {rank}: the coarse matrix would be singular",
+            f"on {case.name}: {P.shape[1]} columns have rank {rank}: the coarse matrix would be singular",
         )
 
 
@@ -65,7 +65,8 @@ def near_null_kept(subject: Subject) -> None:
         require(
             share <= _NEAR,
             f"on {case.name}: {share:.2f} of a near-null vector lies outside the range of P: smoothers "
-            "hardly reduce such errors, the coarse level has to; build P of step.near_null or step.injected",
+            "hardly reduce such errors, so the coarse level must; build P from step.near_null or "
+            "step.injected",
         )
 
 
@@ -89,7 +90,9 @@ def coarse_matrix_definite(subject: Subject) -> None:
         gap = float(np.abs(A - A.T).max() / size)
         require(gap <= 1e-9, f"on {case.name}: A and its transpose differ by {gap:.1e}: restrict by Pᵀ")
         least = float(np.linalg.eigvalsh(0.5 * (A + A.T))[0] / size)
-        require(least > 0.0, f"on {case.name}: it has the eigenvalue {least:.1e} of its largest entry")
+        require(
+            least > 0.0, (f"on {case.name}: its smallest eigenvalue is {least:.1e} times its largest entry")
+        )
 
 
 @law("coarse_solver")
@@ -107,8 +110,8 @@ def coarse_error_reduced(subject: Subject) -> None:
         relative_error = float(np.sqrt((error @ (A @ error)) / (exact @ (A @ exact))))
         require(
             relative_error <= _LEFT,
-            f"on {case.name}: {relative_error:.2f} of the error is left in the energy norm: nothing below "
-            "the coarsest level makes up for it; solve, or iterate more",
+            f"on {case.name}: {relative_error:.2f} of the error is left in the energy norm: there is no "
+            "coarser level to reduce it; solve exactly, or iterate more",
         )
 
 
@@ -123,11 +126,14 @@ def coarse_solver_symmetric(subject: Subject) -> None:
         nonlinearity = float(np.abs(combined - 2 * Su + 3 * Sv).max() / size)
         require(
             nonlinearity <= 1e-8,
-            f"on {case.name}: of 2 u − 3 v it does not make 2 S u − 3 S v, by {nonlinearity:.1e}: conjugate "
+            f"on {case.name}: S (2 u − 3 v) differs from 2 S u − 3 S v by {nonlinearity:.1e}: conjugate "
             "gradients that stop by a tolerance are not linear; drop the promise symmetric",
         )
         gap = float(abs(u @ Sv - v @ Su) / (np.linalg.norm(u) * np.linalg.norm(Sv)))
-        require(gap <= 1e-8, f"on {case.name}: u·S v and v·S u differ by {gap:.1e}: sweep there and back")
+        require(
+            gap <= 1e-8,
+            (f"on {case.name}: u·S v and v·S u differ by {gap:.1e}: sweep forwards and then backwards"),
+        )
 
 
 def _prolongation(subject: Subject, case: Case) -> Float:

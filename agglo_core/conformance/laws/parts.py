@@ -45,8 +45,9 @@ def bounded_time(subject: Subject) -> None:
     slow = too_slow(subject)
     if slow is not None:
         raise Broken(
-            f"{slow.cells:,} cells took {slow.seconds:.1f} s, allowed are {TIME_LIMIT:g} for 5,000: look at "
-            "cells on the border of parts alone, bound the number of sweeps, update instead of computing anew"
+            f"{slow.cells:,} cells took {slow.seconds:.1f} s, at most {TIME_LIMIT:g} s are allowed for "
+            "5,000: visit only cells on the border of parts, bound the number of sweeps, update values "
+            "instead of recomputing them"
         )
 
 
@@ -93,8 +94,8 @@ def components_not_raised(subject: Subject) -> None:
         worse = in_more_pieces(subject.kind, graph, labels, after)
         require(
             not worse,
-            f"on {case.name}: part {worse and worse[0][1]} fell apart into "
-            f"{worse and worse[0][2]} pieces: move a cell only if its neighbours in its part stay joined",
+            f"on {case.name}: part {worse and worse[0][1]} fell apart into {worse and worse[0][2]} pieces: "
+            "move a cell only if its neighbours in its part stay connected",
         )
 
 
@@ -114,8 +115,8 @@ def objective_kept(subject: Subject) -> None:
         was, became = np.atleast_1d(before)[worst], np.atleast_1d(after)[worst]
         require(
             became <= was + 1e-9 * abs(was),
-            f"on {case.name}: {name} went from {was:.6g} to {became:.6g}: return the labels you were given "
-            "where you found nothing better",
+            f"on {case.name}: {name} went from {was:.6g} to {became:.6g}: return the given labels where no "
+            "improvement was found",
         )
 
 
@@ -142,7 +143,7 @@ def _sum_of_metric(subject: Subject, tool: Any, case: Case) -> Callable[[Graph, 
     metric = getattr(tool, "metric", None) or subject.metric(tool.objective)
     require(
         metric is not None,
-        f"objective is {tool.objective!r}; the suite knows {', '.join(OBJECTIVES)}, and the metrics by name",
+        f"objective is {tool.objective!r}; expected {', '.join(OBJECTIVES)} or the name of a metric",
     )
     mesh = next(mesh for mesh in small_meshes.plane_meshes() if mesh.name == case.name)
     sign = 1.0 if metric.better == "low" else -1.0
@@ -182,8 +183,9 @@ def parts_connected(subject: Subject) -> None:
         loose = [part for part in pieces if pieces[part] > 1]
         require(
             not loose,
-            f"on {case.name}: {len(loose)} parts are still in pieces, as part {loose and loose[0][1]} of "
-            f"block {loose and loose[0][0]}: give every piece but the largest to a neighbouring part",
+            f"on {case.name}: {len(loose)} parts are still disconnected, for instance part "
+            f"{loose and loose[0][1]} of block {loose and loose[0][0]}: give every piece but the largest to "
+            "a neighbouring part",
         )
 
 
@@ -198,8 +200,8 @@ def connected_left_alone(subject: Subject) -> None:
         changed = np.flatnonzero((plain(subject, subject.build(), case) != labels) & ~broken)
         require(
             not len(changed),
-            f"on {case.name}: nothing was broken in their blocks, yet {len(changed)} cells changed their "
-            "part: return labels where every part is connected",
+            f"on {case.name}: {len(changed)} cells changed part in blocks whose parts were all connected: "
+            "leave such blocks unchanged",
         )
 
 
@@ -226,4 +228,4 @@ def disconnected_block_refused(subject: Subject) -> None:
         if isinstance(error.__cause__, ValueError):
             return
         raise
-    raise Broken("a disconnected block was returned as if it could be fixed: raise a ValueError instead")
+    raise Broken("a disconnected block was accepted: raise a ValueError, because no labels can fix it")

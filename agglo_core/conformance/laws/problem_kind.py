@@ -24,11 +24,12 @@ def kind_named(subject: Subject) -> None:
     kind = getattr(subject.build(), "kind", None)
     require(
         isinstance(kind, str) and kind.isidentifier(),
-        f"attribute kind is {kind!r}, expected the name it is declared by: kind: ClassVar[str] = 'mine'",
+        f"attribute kind is {kind!r}, expected its declared name, for instance kind: ClassVar[str] = 'mine'",
     )
     if subject.record is not None and not subject.takes_options:
         require(
-            kind == subject.name, f"kind is {kind!r}, but it is declared as {subject.name!r}: say the same"
+            kind == subject.name,
+            (f"kind is {kind!r}, but it is declared as {subject.name!r}: use the same name"),
         )
 
 

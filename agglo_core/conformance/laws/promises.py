@@ -69,8 +69,8 @@ def deterministic(subject: Subject) -> None:
     for case, a, b in zip(test_cases, first, reversed(second), strict=True):
         require(
             same(a, b),
-            f"on {case.name}: with another seed, or after other calls, it answered differently: a component "
-            "that draws random numbers does not promise deterministic",
+            f"on {case.name}: with another seed, or after other calls, it answered differently: drop the "
+            "promise deterministic if it draws random numbers",
         )
 
 
@@ -99,9 +99,9 @@ def balanced(subject: Subject) -> None:
             deviation = abs(float(weights[block_sides == 1].sum() / weights.sum()) - 0.5)
             require(
                 deviation <= max_deviation + heaviest + 1e-9,
-                f"on {case.name}: the sides' shares are {0.5 - deviation:.3f} and {0.5 + deviation:.3f}, "
-                f"promised are halves within {max_deviation:g} and a cell ({heaviest:.3f}): promise a wider "
-                "tolerance",
+                f"on {case.name}: the shares of the sides are {0.5 - deviation:.3f} and "
+                f"{0.5 + deviation:.3f}, promised is 1/2 within {max_deviation:g} plus one cell "
+                f"({heaviest:.3f}): promise a wider tolerance",
             )
 
 
@@ -152,7 +152,7 @@ def _require_unmoved_in_space(subject: Subject) -> None:
                 require(
                     same_labelling(expected, after, swap=subject.kind == "bisector"),
                     f"on {solid.name} {name}: {np.count_nonzero(expected != after)} of {len(after)} cells "
-                    "moved: use distances and principal axes in space",
+                    "moved: use distances and principal axes in 3-D",
                 )
 
 
@@ -172,18 +172,18 @@ def space(subject: Subject) -> None:
         second_values = plain(subject, tool, case)
         require(
             same(values, second_values),
-            f"on {case.name}: it answers otherwise after a question in the plane: keep no dimension in self",
+            f"on {case.name}: its answer changes after a call on a 2-D mesh: keep no dimension in self",
         )
         if subject.kind != "metric":  # undefined values are allowed, and metrics have 3-D laws of their own
             require(np.isfinite(values).all(), f"on {case.name}: values are {values[:4]}")
         if subject.kind == "bisector":
             two_sided = len(one_sided(case.given[0], values)) == 0
-            require(subject.fallback or two_sided, f"on {case.name}: all on one side")
+            require(subject.fallback or two_sided, f"on {case.name}: all cells are on one side")
         if subject.kind in ("refiner", "fixer"):
             parts_equal = same_parts(case.given[0], case.given[1], values)
-            require(parts_equal, f"on {case.name}: the parts are no longer those they were")
+            require(parts_equal, f"on {case.name}: the set of labels changed in some block")
             worse = in_more_pieces(subject.kind, case.given[0], case.given[1], values)
-            require(not worse, f"on {case.name}: {len(worse)} parts are in more pieces than they may be")
+            require(not worse, f"on {case.name}: {len(worse)} parts are in more pieces than allowed")
 
 
 @law(*_kinds_with_promise("pickles"), promise="pickles")
@@ -201,7 +201,7 @@ def pickles(subject: Subject) -> None:
     for case in questions(subject):
         require(
             same(plain(subject, tool, case), plain(subject, copy, case)),
-            f"on {case.name}: the pickled copy answers differently: what it needs must be in its attributes",
+            f"on {case.name}: the pickled copy answers differently: keep all state in attributes",
         )
 
 

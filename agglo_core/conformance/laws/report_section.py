@@ -17,7 +17,7 @@ def titled(subject: Subject) -> None:
     title = getattr(subject.build(), "title", None)
     require(
         isinstance(title, str) and title.strip(),
-        f"attribute title is {title!r}, expected a string: it stands above the section",
+        f"attribute title is {title!r}, expected a string, the heading of the section",
     )
 
 
@@ -40,8 +40,8 @@ def no_scripts(subject: Subject) -> None:
         )
         require(
             match is None,
-            f"{case.name}: html holds {match and match[0][:40]!r}: a report is one file that does nothing by "
-            "itself; draw with SVG and style attributes",
+            f"{case.name}: html contains {match and match[0][:40]!r}: a report is one static file; draw "
+            "with SVG and style attributes",
         )
 
 
@@ -52,5 +52,5 @@ def names_escaped(subject: Subject) -> None:
         text = answer(subject, subject.build(), case)
         require(
             UNSAFE not in text and "<b id=" not in text,
-            f"{case.name}: a name is in the html unescaped, tags included: use html.escape(name)",
+            f"{case.name}: html contains a name unescaped, tags included: use html.escape(name)",
         )

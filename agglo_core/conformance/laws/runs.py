@@ -66,9 +66,8 @@ def grows_alike(subject: Subject) -> None:
                 )
                 require(
                     cut <= _LONGER * usual_cut,
-                    f"{description}: the interface of the parts that grow made is {cut:.4g} long, of those "
-                    f"made depth by depth {usual_cut:.4g}: cut alike, and decline components that are not "
-                    "known",
+                    f"{description}: parts made by grow have an interface of {cut:.4g}, those made depth by "
+                    f"depth of {usual_cut:.4g}: use the same splits in both, and decline unknown components",
                 )
     except AggloError as error:
         raise Broken(f"a run with it failed: {error}") from error
@@ -81,14 +80,15 @@ def same_in_another_process(subject: Subject) -> None:
     with global_random(1):
         expected = [plain(subject, tool, case) for case in test_cases]
     remedy = {
-        "built": "hash() of a text, id(), the order of a set, and files in the current folder differ there",
-        "pickled": "what it needs must be in its attributes, not in the module",
+        "built": "hash() of a string, id(), the order of a set, and files in the current folder differ there",
+        "pickled": "keep all state in attributes, not in the module",
     }
     for source, answers in answers_elsewhere(subject).items():
         for case, a, b in zip(test_cases, expected, answers, strict=True):
             require(
                 same(a, b),
-                f"on {case.name}: {source} for another process, it answers otherwise there: {remedy[source]}",
+                f"on {case.name}: {source} for another process, it gives a different answer there: "
+                f"{remedy[source]}",
             )
 
 
@@ -110,12 +110,12 @@ def large_meshes(subject: Subject) -> None:
     values = plain(subject, subject.build(), case)
     if subject.kind == "bisector":
         two_sided = not len(one_sided(graph, values))
-        require(two_sided or subject.fallback, f"on {case.name}: all cells came out on one side")
+        require(two_sided or subject.fallback, f"on {case.name}: all cells are on one side")
         return
     labels = case.given[1]
-    require(same_parts(graph, labels, values), f"on {case.name}: the parts are no longer those they were")
+    require(same_parts(graph, labels, values), f"on {case.name}: the set of labels changed in some block")
     worse = in_more_pieces(subject.kind, graph, labels, values)
-    require(not worse, f"on {case.name}: {len(worse)} parts are in more pieces than they may be")
+    require(not worse, f"on {case.name}: {len(worse)} parts are in more pieces than allowed")
 
 
 @law("refiner", "fixer", when=_is_thorough)
@@ -126,8 +126,9 @@ def time_grows_with_the_mesh(subject: Subject) -> None:
     power = np.log(large / max(small, 1e-4)) / np.log(4.0)
     require(
         large < _NOTICEABLE or power < _STEEP,
-        f"2,000 cells took {small:.2f} s and 8,000 took {large:.2f} s, as the number of cells to the power "
-        f"of {power:.1f}: look at cells on the border of parts alone, and update instead of computing anew",
+        f"2,000 cells took {small:.2f} s and 8,000 took {large:.2f} s, growth with the power {power:.1f} of "
+        "the number of cells: visit only cells on the border of parts, and update values instead of "
+        "recomputing them",
     )
 
 

@@ -32,12 +32,12 @@ def options_explained(subject: Subject) -> None:
     for option in options_of(function) or ():
         require(
             option.type is not inspect.Parameter.empty,
-            f"option {option.name} has no annotation that can be read: {option.name}: int lets agglo check "
-            "what is typed on the command line",
+            f"option {option.name} has no readable annotation: with one such as {option.name}: int, agglo "
+            "can check values from the command line",
         )
         require(
             re.search(rf"\b{option.name}\b", text),
-            f"nothing says what option {option.name} means: name it in the docstring",
+            f"option {option.name} is not documented: describe it in the docstring",
         )
 
 
@@ -45,4 +45,4 @@ def options_explained(subject: Subject) -> None:
 def sample_in_space(subject: Subject) -> None:
     """The mesh is three-dimensional."""
     dim = subject.build().dim
-    require(dim == 3, f"it promises 3d and made a mesh in {dim}-D: drop the promise")
+    require(dim == 3, f"it promises 3d but made a mesh in {dim}-D: drop the promise")

@@ -32,7 +32,7 @@ def smoothed_array(subject: Subject) -> None:
         require(
             isinstance(result, np.ndarray) and result.shape == (case.size,) and result.dtype.kind == "f",
             f"on {case.name}: smooth(b, x) returned {in_words(result)}, expected floats of shape "
-            f"({case.size},): the whole new x, not its change as a matrix or a list",
+            f"({case.size},): return all of the new x as an array, not a correction, matrix or list",
         )
 
 
@@ -44,7 +44,7 @@ def nothing_from_nothing(subject: Subject) -> None:
         result = apply_smoother(subject, case, zero, zero)
         require(
             not np.any(result != 0),
-            f"on {case.name}: it made {result[:3]} from zeros: only b − A x may enter",
+            f"on {case.name}: b = 0 and x = 0 gave {result[:3]}: use only the residual b − A x",
         )
 
 
@@ -56,7 +56,7 @@ def solution_kept(subject: Subject) -> None:
         moved = np.abs(apply_smoother(subject, case, level.A @ x, x) - x).max()
         require(
             moved <= _EXACT * np.abs(x).max(),
-            f"on {case.name}: it moved the exact solution by {moved:.1e}: add a correction that is made of "
+            f"on {case.name}: it moved the exact solution by {moved:.1e}: add a correction computed from "
             "the residual b − A x alone",
         )
 
@@ -69,8 +69,8 @@ def error_reduced(subject: Subject) -> None:
         factor = _energy(A, _error_left(subject, case, x)) / _energy(A, x)
         require(
             factor < 1 - 1e-6,
-            f"on {case.name}: the energy norm of the error grew or stayed, by a factor {factor:.4g}: damp "
-            "it, for instance by 4 / (3 λ), λ being the largest eigenvalue of the preconditioned matrix",
+            f"on {case.name}: the energy norm of the error is not reduced (factor {factor:.4g}): damp it, "
+            "for instance by 4 / (3 λ), λ being the largest eigenvalue of the preconditioned matrix",
         )
 
 
@@ -91,7 +91,7 @@ def rough_error_damped(subject: Subject) -> None:
             require(
                 rough <= max(_SHARE * smooth, 1e-8),
                 f"on {case.name}: {rough:.3f} is left of a rough error, {smooth:.3f} of a smooth one: the "
-                "coarse levels reduce the smooth half, the smoother has to reduce the rough one",
+                "coarse levels reduce the smooth half, the smoother must reduce the rough half",
             )
 
 
@@ -106,8 +106,8 @@ def smoother_symmetric(subject: Subject) -> None:
         size = np.abs(combined).max() + np.abs(Su).max()
         require(
             np.abs(combined - 2 * Su + 3 * Sv).max() <= 1e-8 * size,
-            f"on {case.name}: twice the error does not leave twice as much: conjugate gradients, or a step "
-            "length that depends on x, are nonlinear",
+            f"on {case.name}: the remaining error is not linear in the initial error: conjugate gradients, "
+            "or a step length that depends on x, are nonlinear",
         )
         gap = abs(u @ (A @ Sv) - v @ (A @ Su)) / (_energy(A, u) * _energy(A, v))
         require(
@@ -178,12 +178,15 @@ def residual_of_before(subject: Subject) -> None:
         A, (u, v) = case.given[0].A, _pair(case)
         (x, r), (y, _), (combined, _) = (_before(subject, case, b) for b in (u, v, 2 * u - 3 * v))
         gap = np.abs(r - (u - A @ x)).max() / np.abs(u).max()
-        require(gap <= _CLOSE, f"on {case.name}: the residual is off by {gap:.1e}: it is b − A x of that x")
+        require(
+            gap <= _CLOSE,
+            (f"on {case.name}: the residual is off by {gap:.1e}: return b − A x for the returned x"),
+        )
         nonlinearity = np.abs(combined - 2 * x + 3 * y).max() / (np.abs(x).max() + np.abs(y).max() + 1e-300)
         require(
             nonlinearity <= _CLOSE,
-            f"on {case.name}: before(2 u − 3 v) is not 2 before(u) − 3 before(v), by {nonlinearity:.1e}: "
-            "nothing but b may enter, and no step length may depend on it",
+            f"on {case.name}: before(2 u − 3 v) differs from 2 before(u) − 3 before(v) by "
+            f"{nonlinearity:.1e}: use only b, and no step length that depends on it",
         )
 
 
@@ -198,16 +201,16 @@ def after_mirrors_before(subject: Subject) -> None:
         gap = np.abs(moved - alone).max() / np.abs(moved).max()
         require(
             gap <= _CLOSE,
-            f"on {case.name}: what after(b, x) adds to x and after(b − A x, 0) differ by {gap:.1e}: only the "
-            "residual may enter",
+            f"on {case.name}: after(b, x) − x and after(b − A x, 0) differ by {gap:.1e}: use only the "
+            "residual",
         )
         # B and Bᵀ are adjoint.
         vBu, uBtv = float(v @ _before(subject, case, u)[0]), float(u @ _after(subject, case, v, 0 * v))
         asymmetry = abs(vBu - uBtv) / (np.linalg.norm(u) * np.linalg.norm(alone))
         require(
             asymmetry <= _CLOSE,
-            f"on {case.name}: v·B u and u·Bᵀ v differ by {asymmetry:.1e}: what is done first before the "
-            "correction is done last after it",
+            f"on {case.name}: v·B u and u·Bᵀ v differ by {asymmetry:.1e}: after the correction apply the "
+            "steps in reverse order",
         )
 
 
@@ -250,7 +253,9 @@ def _call_method(subject: Subject, case: Case, method: str, *arguments: Float) -
     try:
         side = getattr(subject.build().setup(case.given[0]), method, None)
         if not callable(side):
-            raise Broken(f"on {case.name}: there is no {method}: the two go together, or smooth(b, x) is all")
+            raise Broken(
+                f"on {case.name}: there is no {method}: define both before and after, or only smooth(b, x)"
+            )
         return side(*arguments)
     except Broken:
         raise
@@ -292,8 +297,8 @@ def levels_apart(subject: Subject) -> None:
         alone = plain(subject, subject.build(), case)
         require(
             shared.shape == alone.shape and np.allclose(shared, alone, rtol=1e-9, atol=1e-12),
-            f"on {case.name}, after setting up other levels: x is another one than alone: what a level needs "
-            "belongs to the function that setup returns, not to self",
+            f"on {case.name}, after setting up other levels: x differs from the result without them: keep "
+            "the data of a level in the function that setup returns, not in self",
         )
 
 
@@ -310,6 +315,6 @@ def _call_smooth(smooth: Callable[[Float, Float], Any], case: Case) -> Float:
         return np.asarray(smooth(*case.given[1:]))
     except PLUGIN_FAILURES as error:
         raise Broken(
-            f"on {case.name}, after setting up other levels: it raised {error!r:.200}: what a level needs "
-            "belongs to the function that setup returns, not to self"
+            f"on {case.name}, after setting up other levels: it raised {error!r:.200}: keep the data of a "
+            "level in the function that setup returns, not in self"
         ) from error

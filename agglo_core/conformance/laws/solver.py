@@ -63,16 +63,17 @@ def solution_record(subject: Subject) -> None:
         )
         require(
             isinstance(it.converged, bool | np.bool_) and isinstance(it.reason, str),
-            f"on {case.name}: converged is {it.converged!r} and reason {it.reason!r}: give bool and str",
+            f"on {case.name}: converged is {it.converged!r} and reason {it.reason!r}: expected bool and str",
         )
         require(
             isinstance(it.iterations, numbers.Integral) and len(it.residuals) == it.iterations + 1,
-            f"on {case.name}: {len(it.residuals)} residuals of {it.iterations} iterations: the first is that "
-            "of the start, then one for each iteration",
+            f"on {case.name}: {len(it.residuals)} residuals for {it.iterations} iterations: expected the "
+            "initial residual, then one for each iteration",
         )
         require(
             np.isfinite(it.residuals).all() and np.min(it.residuals) >= 0.0,
-            f"on {case.name}: residuals are {np.asarray(it.residuals)[:4]}: norms are finite, not negative",
+            f"on {case.name}: residuals are {np.asarray(it.residuals)[:4]}: norms must be finite and "
+            "nonnegative",
         )
         require(
             all(isinstance(s, numbers.Real) and s >= 0.0 for s in it.seconds.values()),
@@ -90,7 +91,7 @@ def solves(subject: Subject) -> None:
         require(
             error <= _CLOSE,
             f"on {case.name}: x differs from the direct solution of A x = b by {error:.1e}: check the "
-            "preconditioner and the test of convergence",
+            "preconditioner and the convergence test",
         )
 
 
@@ -111,8 +112,8 @@ def own_system_kept(subject: Subject) -> None:
             )
             require(
                 gap(it.b, problem.b) <= 1e-9 and gap(it.A @ x, problem.A @ x) <= 1e-9,
-                f"on {case.name}: A and b of the Solution are not those of the system: undo scaling, for "
-                "residuals and energy are taken from them",
+                f"on {case.name}: A and b of the Solution are not those of the system: undo scaling, "
+                "because residuals and energy are computed from them",
             )
 
 
@@ -152,7 +153,7 @@ def failure_flagged(subject: Subject) -> None:
         require(
             not it.converged and it.reason,
             f"on {name}: converged={it.converged}, reason {it.reason!r}: compare the true residual with the "
-            "tolerance before saying so; NaN is smaller than nothing",
+            "tolerance first; a comparison with NaN must not pass",
         )
 
 
@@ -163,7 +164,10 @@ def operators_chain(subject: Subject) -> None:
         it = solve(subject, case)
         for level, (A, P) in enumerate(it.operators):
             rows = np.shape(A)[0]
-            require(np.shape(A) == (rows, rows), f"on {case.name}: A of level {level} is {np.shape(A)}")
+            require(
+                np.shape(A) == (rows, rows),
+                (f"on {case.name}: A of level {level} has shape {np.shape(A)}, expected a square matrix"),
+            )
             if level + 1 < len(it.operators):
                 shape = (rows, np.shape(it.operators[level + 1][0])[0])
                 require(
@@ -185,7 +189,7 @@ def field_forms_agree(subject: Subject) -> None:
         ):
             x = solve(subject, with_problem(case, kappa=kappa, source=source)).x
             _require_close(
-                x, expected, f"kappa and source given as {form} give another solution than as numbers"
+                x, expected, f"kappa and source given as {form} give a different solution than as numbers"
             )
 
 
@@ -239,16 +243,16 @@ def given_matrix_used(subject: Subject) -> None:
             np.shape(it.x) == np.shape(problem.b)
             and gap(it.A @ probe, problem.A @ probe) <= _SAME
             and gap(it.b, problem.b) <= _SAME,
-            f"on {case.name}: A and b of the Solution are not those given: use the whole matrix, or refuse "
-            "what the method cannot solve by an AggloError",
+            f"on {case.name}: A and b of the Solution are not those given: use the whole matrix, or raise "
+            "an AggloError if the method cannot solve it",
         )
         _require_own_residual(case.name, it)
         if it.converged:
             residual = gap(problem.A @ it.x, problem.b)
             require(
                 residual <= _CLOSE,
-                f"on {case.name}: it says converged, and x leaves a residual of {residual:.1e} in the system "
-                "given: compare b − A x of that very matrix with the tolerance, or refuse the system",
+                f"on {case.name}: it reports convergence, but x leaves a residual of {residual:.1e} in the "
+                "given system: compare b − A x of this matrix with the tolerance, or refuse the system",
             )
 
 
@@ -258,8 +262,8 @@ def _require_own_residual(name: str, it: Solution) -> None:
         size, true = (float(np.linalg.norm(v)) for v in (it.b, it.b - it.A @ it.x))
         require(
             abs(it.residuals[-1] - true) <= 1e-8 * size + 0.01 * true,
-            f"on {name}: the last residual is {it.residuals[-1]:.3e}, b − A x has {true:.3e}: take it from x "
-            "and the matrix given",
+            f"on {name}: the last residual is {it.residuals[-1]:.3e}, b − A x has {true:.3e}: compute it "
+            "from x and the given matrix",
         )
 
 
@@ -328,8 +332,8 @@ def _require_same_history(residuals: Any, expected: Any, description: str) -> No
     clear[0] = True
     require(
         np.allclose(residuals[clear], expected[clear], rtol=1e-2),
-        f"{description}: the residuals {residuals[:3]} (divided by that) were {expected[:3]}: each is the "
-        "2-norm of b − A x, neither relative nor preconditioned nor made up",
+        f"{description}: the residuals divided by that factor are {residuals[:3]}, expected {expected[:3]}: "
+        "report the 2-norm of b − A x, not a relative, preconditioned or estimated one",
     )
 
 
@@ -343,7 +347,7 @@ def zero_from_zero(subject: Subject) -> None:
         require(
             np.all(it.x == 0.0) and it.converged,
             f"on {case.name} with a right-hand side of zeros: converged is {it.converged} ({it.reason}), x "
-            f"{it.x[:3]}: divide by the norm of b only where there is one",
+            f"{it.x[:3]}: divide by the norm of b only if it is nonzero",
         )
 
 
@@ -358,8 +362,8 @@ def tolerance_met(subject: Subject) -> None:
                 residual = gap(it.A @ it.x, it.b)
                 require(
                     residual <= 100.0 * tolerance,
-                    f"on {case.name} with {name}={tolerance:g}: it says converged, and ‖b − A x‖ / ‖b‖ is "
-                    f"{residual:.1e}: does the option reach the iteration? Compare b − A x itself",
+                    f"on {case.name} with {name}={tolerance:g}: it reports convergence, but ‖b − A x‖ / ‖b‖ "
+                    f"is {residual:.1e}: pass the option to the iteration, and compare b − A x itself",
                 )
         loose, tight = runs.values()
         if loose is not None and tight is not None:
@@ -367,7 +371,7 @@ def tolerance_met(subject: Subject) -> None:
             require(
                 np.allclose(loose.residuals[:n_common], tight.residuals[:n_common], rtol=0.5),
                 f"on {case.name}: the history begins with {loose.residuals[:2]} for {name}=1e-4 and with "
-                f"{tight.residuals[:2]} for 1e-10: residuals are measured, not made up afterwards",
+                f"{tight.residuals[:2]} for 1e-10: record the residuals during the iteration",
             )
 
 
@@ -386,13 +390,14 @@ def _require_honest(name: str, it: Solution, most: int) -> None:
     _require_true_claim(name, it)
     require(
         most > 1 or it.converged or it.iterations == 1 or not np.any(it.x),
-        f"on {name}: it reports {it.iterations} iterations: the first residual is that before any",
+        f"on {name}: it reports {it.iterations} iterations: the initial residual does not count as an "
+        "iteration",
     )
     size, true = (float(np.linalg.norm(v)) for v in (it.b, it.b - it.A @ it.x))
     require(
         abs(it.residuals[-1] - true) <= 1e-8 * size + 0.01 * true,
-        f"on {name}: the last residual is {it.residuals[-1]:.3e}, that of x is {true:.3e}: they belong to "
-        "the same iterate, neither the least so far nor one to be made smooth",
+        f"on {name}: the last residual is {it.residuals[-1]:.3e}, that of x is {true:.3e}: report the "
+        "residual of the returned x, not of the best iterate so far or of x before a final smoothing",
     )
 
 
@@ -423,7 +428,7 @@ def each_solve_alone(subject: Subject) -> None:
         require(
             difference <= 1e-6,
             f"on {case.name}, after other problems: x differs by {difference:.1e} from that of a fresh "
-            "solver: keep no matrix, factorisation or first guess from the solve before",
+            "solver: keep no matrix, factorisation or initial guess from the previous solve",
         )
 
 
@@ -442,11 +447,13 @@ def _require_true_claim(name: str, it: Solution) -> None:
         error = gap(it.x, direct(it))
         require(
             error <= _WRONG,
-            f"on {name}: it says converged, and x differs from the direct solution of A x = b by "
+            f"on {name}: it reports convergence, but x differs from the direct solution of A x = b by "
             f"{error:.1e}: compare b − A x with the tolerance after the last iteration",
         )
     else:
-        require(isinstance(it.reason, str) and it.reason, f"on {name}: not converged, and no reason is given")
+        require(
+            isinstance(it.reason, str) and it.reason, (f"on {name}: not converged, but the reason is empty")
+        )
 
 
 _FACTOR = 10.0  # largest factor by which an error estimate may be too small
@@ -466,8 +473,8 @@ def told_error_holds(subject: Subject) -> None:
             error = _energy_error(it)
             require(
                 error <= _FACTOR * it.energy_error + _ROUNDING,
-                f"on {case.name}: it tells an energy error of {it.energy_error:.1e}, x has {error:.1e}: "
-                "estimate it from the residual of x, or leave it None",
+                f"on {case.name}: it reports an energy error of {it.energy_error:.1e}, that of x is "
+                f"{error:.1e}: estimate it from the residual of x, or leave it None",
             )
         if it.rounding_limited:
             _require_limit(case.name, it)
@@ -478,8 +485,8 @@ def _require_limit(name: str, it: Solution) -> None:
     true = backward_error(matrix_of(it.A), x, load)
     require(
         not it.converged and true is not None and true <= LIMIT,
-        f"on {name}: it says that rounding allows no better, converged is {it.converged} and the backward "
-        f"error {true}: that is for an x which misses the tolerance, with a backward error below {LIMIT:.0e}",
+        f"on {name}: rounding_limited is set, converged is {it.converged} and the backward error {true}: "
+        f"set it only if x misses the tolerance with a backward error below {LIMIT:.0e}",
     )
 
 
@@ -504,9 +511,9 @@ def preconditioner_linear(subject: Subject) -> None:
         )
         require(
             nonlinearity <= 1e-8,
-            f"on {case.name}: M (2 u − 3 v) is not 2 M u − 3 M v, by {nonlinearity:.1e}: no step length may "
-            "depend on the residual, nor an inner iteration stop by a tolerance; or drop the promise "
-            "symmetric",
+            f"on {case.name}: M (2 u − 3 v) differs from 2 M u − 3 M v by {nonlinearity:.1e}: use no step "
+            "length that depends on the residual and no inner iteration that stops by a tolerance, or drop "
+            "the promise symmetric",
         )
 
 
@@ -522,9 +529,9 @@ def coarse_operators_inherited(subject: Subject) -> None:
             error = _galerkin_error(matrix_of(A), matrix_of(P), matrix_of(coarse))
             require(
                 error <= _LEVEL_ROUNDING,
-                f"on {case.name}: the matrix of level {level + 1} is not Pᵀ A P, off by {error:.1e}: "
-                "is P the one that was used, and is no small entry left out? Where levels are discretised "
-                "anew, say galerkin = False",
+                f"on {case.name}: the matrix of level {level + 1} is not Pᵀ A P, off by {error:.1e}: return "
+                "the P that was used, and drop no small entries; set galerkin = False if levels are "
+                "rediscretised",
             )
 
 
@@ -580,6 +587,6 @@ def _require_definite(case: Case, operator: LinearOperator | None) -> None:
     least = float(np.linalg.eigvalsh((M + M.T) / 2)[0] / size)
     require(
         least > -1e-9,
-        f"on {case.name}, which is positive definite: M has the eigenvalue {least:.1e} of its largest entry: "
-        "a step of Jacobi is safe only below 2 / λ_max(D⁻¹A), which may be more than 2; damp it by that",
+        f"on {case.name}, which is positive definite: the smallest eigenvalue of M is {least:.1e} times its "
+        "largest entry: damp a Jacobi step by a factor below 2 / λ_max(D⁻¹A); λ_max may exceed 2",
     )

@@ -72,8 +72,9 @@ def constant_found(subject: Subject) -> None:
         error = 0.0 if x is None else gap(x, constant)
         require(
             error <= _CLOSE,
-            f"boundary value 1, {name}: x is off by {error:.1e} from that of 1 all around: faces whose tag "
-            "is in neither dirichlet nor neumann are insulated, and no κ may scale a boundary value",
+            f"boundary value 1, {name}: x is off by {error:.1e} from that with value 1 on the whole "
+            "boundary: faces whose tag is in neither dirichlet nor neumann are insulated, and κ must not "
+            "scale boundary values",
         )
     if samples := values(subject.build(), hierarchy, constant, constant):
         error = np.abs(samples[1] - 1.0).max()
@@ -91,7 +92,7 @@ def linear_found(subject: Subject) -> None:
     problem = Diffusion(2.0, 0.0, dict.fromkeys(SIDES, plane), boundary="edge")
     _require_found(
         subject, hierarchy, problem, plane, "a linear function as boundary values (face tag 'edge')",
-        "the distance of a cell from the boundary is that of its centre from the face",
+        "measure the distance to the boundary from the cell centre to the face",
     )  # fmt: skip
 
 
@@ -194,8 +195,8 @@ def data_superposed(subject: Subject) -> None:
         error = gap(x, np.sum(valid_parts, axis=0))
         require(
             error <= _CLOSE,
-            f"source, boundary value and flux together give another x than their sum, by {error:.1e}: does "
-            "one switch another off?",
+            "source, boundary value and flux together give an x that differs from the sum of the single "
+            f"solutions by {error:.1e}: check whether one of them disables another",
         )
 
 
@@ -228,7 +229,8 @@ def _sample_solution(
     x = _unknowns(subject, problem, hierarchy)
     require(
         constant is None or np.any(constant != 0.0),
-        f"boundary value 1 everywhere (face tag {problem.boundary!r}) gives x = 0: are boundary data read?",
+        f"boundary value 1 everywhere (face tag {problem.boundary!r}) gives x = 0: check that boundary data "
+        "are read",
     )
     return None if x is None else values(subject.build(), hierarchy, x, constant)
 

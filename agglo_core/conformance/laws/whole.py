@@ -52,7 +52,7 @@ def no_memory(subject: Subject) -> None:
         first, second = (_answer_repeatably(subject, case, tool) for _ in range(2))
         require(
             same(first, second),
-            f"on {case.name}: asked twice, it answered differently: keep nothing between calls in self",
+            f"on {case.name}: a repeated call gave a different answer: keep nothing between calls in self",
         )
 
 
@@ -66,7 +66,9 @@ def global_random_state(subject: Subject) -> None:
             require(unmoved(), f"on {case.name}: it drew from, or seeded, the global random state: {remedy}")
         with global_random(2):
             second = plain(subject, subject.build(), case)
-        require(same(first, second), f"on {case.name}: the global random state decides the result: {remedy}")
+        require(
+            same(first, second), (f"on {case.name}: the result depends on the global random state: {remedy}")
+        )
 
 
 @law(*KINDS)
@@ -92,8 +94,8 @@ def survives(subject: Subject) -> None:
             partition_only = not (subject.has("bisect") or subject.has("bisect_level"))
             require(
                 partition_only or not len(one_sided(case.given[0], values)),
-                f"on {case.name}: all on one side: where cells cannot be told apart any halving will do, as "
-                "np.arange(n) * 2 // n",
+                f"on {case.name}: all cells are on one side: if cells are indistinguishable, return any "
+                "halving, such as np.arange(n) * 2 // n",
             )
 
 
@@ -107,7 +109,7 @@ def space_served_or_refused(subject: Subject) -> None:
         except Broken as error:
             if not isinstance(error.__cause__, AggloError):
                 raise Broken(
-                    f"{error}. If it is for 2-D alone: raise agglo.MeshError('… exists only for 2-D meshes')"
+                    f"{error}. If it supports only 2-D, raise agglo.MeshError('… exists only for 2-D meshes')"
                 ) from error
 
 

@@ -109,7 +109,7 @@ MUTANTS = [
     Mutant("answers", OtherTag, "cell tag 'region'"),
     Mutant("masks", ZerosAndOnes, "booleans"),
     Mutant("masks", OnePerCell, "booleans of shape"),
-    Mutant("both_directions", OneWay, "stands in the graph twice"),
+    Mutant("both_directions", OneWay, "stores each edge twice"),
     Mutant("numbering_ignored", ByNumber, "not cell numbers"),
     Mutant("constraint_kept", ForbidsAll, "too few parts"),
     Mutant("pieces_admissible", AtLeastTwo, "cannot be split"),

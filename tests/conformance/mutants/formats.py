@@ -173,15 +173,15 @@ class PlaneFormat(Toy):
 CORRECT = [(Toy, {"pickles": True}), (Archive, {"3d": True, "pickles": True}), (OnlyReads, {})]
 
 MUTANTS = [
-    Mutant("answers", RefusesEverything, "what it cannot hold"),
+    Mutant("answers", RefusesEverything, "data that the format cannot store"),
     Mutant("answers", RefusesItsOwn, "then refused to read it"),
     Mutant("suffixes_declared", LoudSuffix, "lower case"),
     Mutant("read_back", SixDigits, "17 digits"),
     Mutant("read_back", DropsTags, "'region'"),
     Mutant("lossless_kept", SaysLossless, "face_tags"),
-    Mutant("hierarchy_kept", CoarsestFirst, "finest level first"),
+    Mutant("hierarchy_kept", CoarsestFirst, "order of the levels"),
     Mutant("broken_files_refused", RaisesOnGarbage, "FileError"),
-    Mutant("broken_files_refused", TakesWhatIsThere, "count what was read"),
+    Mutant("broken_files_refused", TakesWhatIsThere, "number of values read"),
     Mutant("files_left_alone", LeavesALog, "toy.log"),
     Mutant("files_left_alone", TouchesTheFile, "reading changed"),
     Mutant("space_served_or_refused", PlaneFormat, "only for 2-D"),

@@ -100,11 +100,11 @@ CORRECT = [
 
 MUTANTS = [
     Mutant("prolongation_fits", DenseProlongation, "expected a sparse matrix"),
-    Mutant("prolongation_fits", OneColumnMore, "cannot be dealt out"),
-    Mutant("columns_independent", TwiceTheSame, "have the rank"),
+    Mutant("prolongation_fits", OneColumnMore, "cannot be divided evenly"),
+    Mutant("columns_independent", TwiceTheSame, "have rank"),
     Mutant("near_null_kept", Differences, "outside the range"),
     Mutant("coarse_matrix_fits", DenseProducts, "expected a sparse matrix"),
     Mutant("coarse_matrix_definite", RestrictsDifferently, "its transpose"),
-    Mutant("coarse_error_reduced", JustJacobi, "solve, or iterate more"),
+    Mutant("coarse_error_reduced", JustJacobi, "or iterate more"),
     Mutant("coarse_solver_symmetric", UntilItWillDo, "not linear", {"symmetric": True}),
 ]

@@ -62,5 +62,5 @@ CORRECT: list[tuple[type, dict[str, bool]]] = []
 MUTANTS = [
     Mutant("renaming", NeighboursByOrder, "their two sides"),
     Mutant("each_call_alone", KnowsThePoints, "its cells renumbered"),
-    Mutant("homogeneous", RoundsToDecimals, "nor round to decimals"),
+    Mutant("homogeneous", RoundsToDecimals, "round to decimals"),
 ]

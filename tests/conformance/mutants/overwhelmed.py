@@ -210,12 +210,12 @@ MUTANTS = [
     Mutant("parts_kept", FixesInBytes, "300 parts"),
     Mutant("objective_kept", BalancesTheMeasure, "balance went from"),
     Mutant("label_array", SearchesInDepth, "RecursionError"),
-    Mutant("parts_connected", FixesTheFirstHundred, "in pieces"),
-    Mutant("connected_left_alone", StirsWholeBlocks, "in their blocks"),
+    Mutant("parts_connected", FixesTheFirstHundred, "still disconnected"),
+    Mutant("connected_left_alone", StirsWholeBlocks, "leave such blocks unchanged"),
     Mutant("invariant", TiesBelowAMicron, "scaled by 1e-7", {"invariant": True}),
     Mutant("two_sides", SharesOfTheWeight, "cells without weight"),
     Mutant("invariant", SettlesTiesByNumber, "8 by 8 grid renumbered", {"invariant": True}),
     Mutant("parts_kept", NumbersPartsInShorts, "5000 blocks"),
-    Mutant("label_array", DropsThinEdges, "a third have no measure"),
+    Mutant("label_array", DropsThinEdges, "a third of them without measure"),
 ]
 CORRECT: list[tuple[object, dict[str, bool]]] = []

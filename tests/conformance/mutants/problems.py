@@ -113,7 +113,7 @@ CORRECT = [
 MUTANTS = [
     Mutant("answers", RaisesOnHexagons, "corner 6"),
     Mutant("kind_named", Kindless, "ClassVar"),
-    Mutant("kind_named", Component("problem", "heat", f"{__name__}:OtherKind"), "say the same"),
+    Mutant("kind_named", Component("problem", "heat", f"{__name__}:OtherKind"), "use the same name"),
     Mutant("example_given", ExampleOfAnother, "expected a ExampleOfAnother"),
     Mutant("problem_frozen", Fluid, "frozen=True"),
     Mutant("table_checked", TakesAnyKey, "no_such_key"),

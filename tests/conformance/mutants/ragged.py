@@ -102,6 +102,6 @@ MUTANTS = [
     Mutant("components_not_raised", TrustsShortNecks, "uneven weights and faces"),
     Mutant("objective_kept", MomentsOfTheMeasure, "uneven weights and faces"),
     Mutant("a_level_is_its_blocks", WorthATypicalFace, "within each block"),
-    Mutant("space", ForgetsBridgesInSpace, "in more pieces than they may be", {"3d": True}),
+    Mutant("space", ForgetsBridgesInSpace, "in more pieces than allowed", {"3d": True}),
 ]
 CORRECT: list[tuple[object, dict[str, bool]]] = []

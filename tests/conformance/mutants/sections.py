@@ -77,10 +77,10 @@ CORRECT = [(Parts, {"pickles": True})]
 MUTANTS = [
     Mutant("answers", WantsEveryRun, "'NoneType' object"),
     Mutant("input_untouched", ReversesRuns, "work on a copy"),
-    Mutant("titled", Untitled, "stands above"),
+    Mutant("titled", Untitled, "heading of the section"),
     Mutant("html_text", ListOfLines, "expected a string"),
     Mutant("no_scripts", BringsAScript, "<script"),
-    Mutant("no_scripts", LoadsAPicture, "one file"),
+    Mutant("no_scripts", LoadsAPicture, "one static file"),
     Mutant("names_escaped", RawNames, "html.escape"),
     Mutant("no_memory", NumbersItself, "keep nothing between calls"),
     Mutant("global_random_state", DrawsAnId, "draw from"),

@@ -108,10 +108,10 @@ CORRECT = [(TwoSided, {"deterministic": True, "pickles": True, "symmetric": True
 MUTANTS = [
     Mutant("both_sides", NoAfter, "there is no after"),
     Mutant("both_sides", ReturnsX, "the pair (x, b − A x)"),
-    Mutant("residual_of_before", ResidualOfZero, "b − A x of that x"),
+    Mutant("residual_of_before", ResidualOfZero, "b − A x for the returned x"),
     Mutant("residual_of_before", BestStep, "no step length"),
-    Mutant("after_mirrors_before", SameWayBack, "done last after it"),
-    Mutant("after_mirrors_before", ForgetsX, "only the residual may enter"),
+    Mutant("after_mirrors_before", SameWayBack, "in reverse order"),
+    Mutant("after_mirrors_before", ForgetsX, "use only the residual"),
     Mutant("sides_leave_b", UsesUpB, "return a copy"),
     Mutant("sides_leave_b", ZeroesB, "use a copy"),
 ]

@@ -186,7 +186,7 @@ CORRECT = [(Squared, _SPACE), (WidthOverWidest, _SPACE)]
 
 MUTANTS = [
     Mutant("never_written", BorrowsTheLabels, "work on a copy"),
-    Mutant("read_anew", KnowsTheArray, "keep nothing by id()"),
+    Mutant("read_anew", KnowsTheArray, "never key a cache by id()"),
     Mutant("changes_of_these_labels", KnowsTheLabels, "may hold other labels"),
     Mutant("ends_early_without_trace", QuietUntilTheEnd, "np.errstate"),
     Mutant("ends_early_without_trace", SaysWhy, "printed"),
