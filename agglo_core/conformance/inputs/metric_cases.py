@@ -98,7 +98,7 @@ def shapes() -> list[Case]:
         Case("a star", (_polygon(np.resize([1.0, 0.1], 14)), frozen_int([0]))),
         Case("needles", (small_meshes.grid(3, 2, height=1e-4), frozen_int(np.arange(6)))),
         Case(
-            ("a part that is a component, next to parts of the other component"), (two_grids, frozen_int(cut))
+            "a part that is a component, next to parts of the other component", (two_grids, frozen_int(cut))
         ),
         Case("two components, each a part", (two_grids, frozen_int(component))),
     ]

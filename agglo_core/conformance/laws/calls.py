@@ -417,7 +417,7 @@ def ends_early_without_trace(subject: Subject) -> None:
         before.restore()
         require(not changed, f"on {case.name}: it changed {', '.join(changed)}: {remedy}")
         require(
-            not text, (f"on {case.name}: it printed {text!r:.60}: put this text into the error or the reason")
+            not text, f"on {case.name}: it printed {text!r:.60}: put this text into the error or the reason"
         )
         require(random_kept, f"on {case.name}: it drew from, or seeded, the global random state")
         require(

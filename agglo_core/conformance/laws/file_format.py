@@ -190,7 +190,7 @@ def _require_refused(tool: Any, suffix: str, name: str, content: bytes, mesh: Me
     whole = mesh is not None and isinstance(back, Mesh) and not _difference(mesh, back)
     require(
         whole,
-        (f"on {name}: it was read as {back!r:.60}: check the number of values read, and raise a FileError"),
+        f"on {name}: it was read as {back!r:.60}: check the number of values read, and raise a FileError",
     )
 
 

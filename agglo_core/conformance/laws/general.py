@@ -49,7 +49,7 @@ def builds(subject: Subject) -> None:
     except (OptionError, TypeError) as error:
         require(
             subject.record is None or subject.name in str(error),
-            f"the error {str(error)!r:.60} does not name {subject.name!r}: users have many components",
+            f"the error {str(error)!r:.60} does not name {subject.name!r}: name the component in the error",
         )
         return
     except PLUGIN_FAILURES as error:

@@ -60,7 +60,7 @@ def declares_itself(subject: Subject) -> None:
         value = getattr(tool, name, False)
         require(
             isinstance(value, bool),
-            (f"attribute {name} is {value!r}, expected True or False, or no such attribute"),
+            f"attribute {name} is {value!r}, expected True or False, or no such attribute",
         )
 
 
@@ -93,7 +93,7 @@ def defined_on_squares(subject: Subject) -> None:
     values = plain(subject, subject.build(), case)
     require(
         np.isfinite(values).all(),
-        (f"on {case.name}: values are {values}: return a finite value at least for plain squares"),
+        f"on {case.name}: values are {values}: return a finite value at least for plain squares",
     )
 
 

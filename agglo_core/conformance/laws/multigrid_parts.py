@@ -91,7 +91,7 @@ def coarse_matrix_definite(subject: Subject) -> None:
         require(gap <= 1e-9, f"on {case.name}: A and its transpose differ by {gap:.1e}: restrict by Pᵀ")
         least = float(np.linalg.eigvalsh(0.5 * (A + A.T))[0] / size)
         require(
-            least > 0.0, (f"on {case.name}: its smallest eigenvalue is {least:.1e} times its largest entry")
+            least > 0.0, f"on {case.name}: its smallest eigenvalue is {least:.1e} times its largest entry"
         )
 
 
@@ -132,7 +132,7 @@ def coarse_solver_symmetric(subject: Subject) -> None:
         gap = float(abs(u @ Sv - v @ Su) / (np.linalg.norm(u) * np.linalg.norm(Sv)))
         require(
             gap <= 1e-8,
-            (f"on {case.name}: u·S v and v·S u differ by {gap:.1e}: sweep forwards and then backwards"),
+            f"on {case.name}: u·S v and v·S u differ by {gap:.1e}: sweep forwards and then backwards",
         )
 
 

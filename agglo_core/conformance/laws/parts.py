@@ -46,7 +46,7 @@ def bounded_time(subject: Subject) -> None:
     if slow is not None:
         raise Broken(
             f"{slow.cells:,} cells took {slow.seconds:.1f} s, at most {TIME_LIMIT:g} s are allowed for "
-            "5,000: visit only cells on the border of parts, bound the number of sweeps, update values "
+            "5,000 cells: visit only cells on the border of parts, bound the number of sweeps, update values "
             "instead of recomputing them"
         )
 

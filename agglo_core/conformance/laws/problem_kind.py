@@ -29,7 +29,7 @@ def kind_named(subject: Subject) -> None:
     if subject.record is not None and not subject.takes_options:
         require(
             kind == subject.name,
-            (f"kind is {kind!r}, but it is declared as {subject.name!r}: use the same name"),
+            f"kind is {kind!r}, but it is declared as {subject.name!r}: use the same name",
         )
 
 

@@ -180,7 +180,7 @@ def residual_of_before(subject: Subject) -> None:
         gap = np.abs(r - (u - A @ x)).max() / np.abs(u).max()
         require(
             gap <= _CLOSE,
-            (f"on {case.name}: the residual is off by {gap:.1e}: return b − A x for the returned x"),
+            f"on {case.name}: the residual is off by {gap:.1e}: return b − A x for the returned x",
         )
         nonlinearity = np.abs(combined - 2 * x + 3 * y).max() / (np.abs(x).max() + np.abs(y).max() + 1e-300)
         require(

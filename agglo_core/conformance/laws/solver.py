@@ -166,7 +166,7 @@ def operators_chain(subject: Subject) -> None:
             rows = np.shape(A)[0]
             require(
                 np.shape(A) == (rows, rows),
-                (f"on {case.name}: A of level {level} has shape {np.shape(A)}, expected a square matrix"),
+                f"on {case.name}: A of level {level} has shape {np.shape(A)}, expected a square matrix",
             )
             if level + 1 < len(it.operators):
                 shape = (rows, np.shape(it.operators[level + 1][0])[0])
