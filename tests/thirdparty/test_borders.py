@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from thirdparty.installing import Answer, converse, environment
 
+pytestmark = pytest.mark.slow
+
 HERE = Path(__file__).parent / "agglo-borders"
 FILES = sorted((HERE / "agglo_borders").glob("*.py"))
 DECLARED = {
@@ -39,8 +41,6 @@ COMMANDS = {
     "other solver": "solve squares:n=8 --solver polydg_cg --problem heat.toml",
     "smoother": "solve squares:n=8 --solver polydg_mg_paper:smoother=two_sweeps --json",
 }
-CHECKED = ("format", "sample")
-"""Kinds that the command line checks here; the others are slow tests, pytest checks them all below."""
 
 
 @pytest.fixture(scope="module")
@@ -140,11 +140,7 @@ def test_its_smoother_serves_our_multigrid(answers: Mapping[str, Answer]) -> Non
     assert result["iterations"] < 30
 
 
-def _slow_but_few() -> list[object]:
-    return [pytest.param(kind, marks=() if kind in CHECKED else pytest.mark.slow) for kind in DECLARED]
-
-
-@pytest.mark.parametrize("kind", _slow_but_few())
+@pytest.mark.parametrize("kind", DECLARED)
 def test_the_command_line_checks_it(borders: Path, tmp_path: Path, kind: str) -> None:
     (answer,) = converse(borders, [["check", f"{kind}:{DECLARED[kind]}", "--json"]], tmp_path)
     results = json.loads(answer.out)
@@ -153,7 +149,6 @@ def test_the_command_line_checks_it(borders: Path, tmp_path: Path, kind: str) ->
     assert answer.code == 0
 
 
-@pytest.mark.slow
 def test_its_own_tests_pass_away_from_the_source_tree(borders: Path, tmp_path: Path) -> None:
     shutil.copy(HERE / "tests/test_conformance.py", tmp_path)
     done = subprocess.run(

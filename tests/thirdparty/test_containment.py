@@ -17,6 +17,8 @@ PART = """
 import os
 import numpy as np
 
+pytestmark = pytest.mark.slow
+
 class Part:
     def bisect(self, graph, rng):
         {}

@@ -121,7 +121,6 @@ print(json.dumps({{name: [(r.law, r.passed, r.message) for r in each] for name, 
     return dict(json.loads(done.stdout))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("fake", MISBEHAVING, ids=lambda fake: fake.name)
 def test_the_suite_finds_what_is_wrong(verdicts: Mapping[str, list[list[Any]]], fake: Fake) -> None:
     failed = {law: message for law, passed, message in verdicts[fake.name] if not passed}
@@ -149,6 +148,8 @@ def test_thirty_plugins_load_nothing_heavy(thirty: Path, arguments: list[str]) -
     source = f"""
 import sys
 from agglo_core.cli import main
+
+pytestmark = pytest.mark.slow
 try:
     main({arguments})
 finally:

@@ -84,6 +84,8 @@ def test_its_command_runs(answers: Mapping[str, Answer]) -> None:
 def test_its_metric_is_one_of_all(hilbert: Path) -> None:
     source = """
 import agglo_core as agglo
+
+pytestmark = pytest.mark.slow
 mesh = agglo.samples.squares(4)
 print(dict(agglo.quality(mesh, [0] * 16, metrics=("gyration", "cells"))))
 print(agglo.quality(mesh, range(16), metrics=[("hilbert/gyration", {})])["hilbert/gyration"].max())
