@@ -267,5 +267,5 @@ def test_what_is_wrong_on_one_rank_is_told_on_all() -> None:
     warnings = on_ranks(3, refuse_all)
     assert [len(each) for each in warnings] == [1, 0, 0]
     assert warnings[0][0].startswith(
-        "outer faces, such as of cell 0 (rank 0) and cell 1 (rank 1), lie on one"
+        "outer faces, such as those of cell 0 (rank 0) and cell 1 (rank 1), coincide"
     )

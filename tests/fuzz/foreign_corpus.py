@@ -64,7 +64,8 @@ def _written(suffix: str) -> Iterator[bytes]:
             try:
                 with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
                     meshlane.write(file, mesh)
-                read(file)
+                with without_new_processes():
+                    read(file)
             except (Exception, SystemExit):  # meshlane raises any exception for unsupported meshes
                 continue
             files = {path.name: path.read_bytes() for path in Path(folder).iterdir()}

@@ -82,7 +82,7 @@ def pose_system(
         return _pose_diffusion(problem, hierarchy, how, degree, levels)
     if isinstance(problem, Linear):
         return _pose_linear(problem, hierarchy, levels)
-    raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
+    raise OptionError(f"expected a Diffusion or Linear problem, given {type(problem).__name__}")
 
 
 def _pose_diffusion(
