@@ -44,7 +44,7 @@ _CLASSES = {
 
 
 def __getattr__(name: str) -> object:
-    """Import a format class on first use.
+    """Return a file format class and import its module only when needed.
 
     The registry finds formats without this module.
     """
@@ -120,7 +120,7 @@ def read(
 def read_hierarchy(
     path: str | PathLike[str], *, allow_gaps: bool = False, registry: Registry | None = None
 ) -> tuple[Mesh, Hierarchy | None]:
-    """Read the mesh in a file and its stored hierarchy, if any.
+    """Read the mesh in a file, and the hierarchy stored with it (None if there is none).
 
     An ``.npz`` holds the whole hierarchy. Most other formats store it as integer cell data ``level_0``,
     ``level_1``, …, without the targets.
@@ -227,7 +227,7 @@ def write(
 
 
 def check_writable(path: str | PathLike[str], *, registry: Registry | None = None) -> None:
-    """Raise FileError if a file cannot be written, as far as this can be checked in advance.
+    """Raise FileError if writing to this path would certainly fail.
 
     A format must write this suffix, the folder must exist, and the path must not be a folder.
 
@@ -250,7 +250,7 @@ def _formats(registry: Registry | None, options: dict[str, bool]) -> Formats:
 
 
 def _writer(target: Path, registry: Registry | None, options: dict[str, bool]) -> KnownFormat:
-    """Return the format for the file after checks that the file can be created or replaced."""
+    """Return the format that writes the file, after a check that the file can be created or replaced."""
     if target.is_dir():
         raise FileError("is a folder, expected a file name")
     file_format = _formats(registry, options).writer(target)
@@ -263,7 +263,7 @@ def _writer(target: Path, registry: Registry | None, options: dict[str, bool]) -
 
 
 def _check_source(path: object) -> Path:
-    """Return the path of a regular file or a folder.
+    """Return the argument of ``read`` as a path if it leads to a regular file or a folder.
 
     Raises FileError or OptionError otherwise.
     """
@@ -275,7 +275,7 @@ def _check_source(path: object) -> Path:
 
 
 def _check_path(function: str, path: object) -> Path:
-    """Return the path if its name can be encoded.
+    """Return the argument as a path if the operating system can represent the file name.
 
     Raises FileError or OptionError otherwise.
     """
@@ -295,7 +295,7 @@ def _check_path(function: str, path: object) -> Path:
 
 
 def _check_written(mesh: object, hierarchy: object) -> None:
-    """Raise OptionError unless the arguments of ``write`` are a Mesh and a Hierarchy or None."""
+    """Raise OptionError unless ``write`` received a Mesh, and a Hierarchy or None."""
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
 

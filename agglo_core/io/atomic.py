@@ -1,4 +1,4 @@
-"""Write files atomically: in a temporary folder beside the target, then by renaming.
+"""Write files atomically: into a temporary folder beside the target, then by renaming.
 
 The folder ``.NAME.agglo-XXXXXXXX`` is locked while its process lives. The next write to the same path can
 thus identify and remove folders left by killed processes, independent of process numbers.
@@ -25,7 +25,7 @@ _FORGOTTEN = 86_400.0  # seconds until an unlockable folder counts as abandoned
 
 @contextmanager
 def staging(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder.
+    """Yield a temporary folder for new files, which replace the old files together at the end.
 
     Its files move beside ``path`` when the block ends without error.
 
@@ -82,7 +82,7 @@ def staging(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def new_folders(folders: Iterable[Path]) -> Iterator[None]:
-    """Create missing folders.
+    """Create missing folders for the duration of a block, and keep them if the block succeeds.
 
     If the block fails, remove the new folders that are still empty.
     """
@@ -103,7 +103,7 @@ def new_folders(folders: Iterable[Path]) -> Iterator[None]:
 
 
 def check_replaceable(target: Path) -> Path:
-    """Return the final target of a path, with all links resolved.
+    """Return the file to which a path leads through symbolic links, if it can be created or replaced.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def check_replaceable(target: Path) -> Path:
 
 
 def _bring_beside(target: Path, file: Path, elsewhere: ExitStack) -> Path:
-    """Return the file, or a copy beside the target if it lies on another file system.
+    """Return the file, or its copy beside the target if the target lies on another file system.
 
     A file can only be renamed within its file system.
     """
@@ -140,7 +140,7 @@ def _bring_beside(target: Path, file: Path, elsewhere: ExitStack) -> Path:
 
 @contextmanager
 def _own_folder(path: Path) -> Iterator[Path]:
-    """Yield a new locked folder beside ``path`` and remove it when the block ends."""
+    """Yield a new locked temporary folder beside ``path`` and remove it when the block ends."""
     name = path.name
     while len(os.fsencode(name)) > _NAME:
         name = name[:-1]
@@ -155,7 +155,7 @@ def _own_folder(path: Path) -> Iterator[Path]:
 
 
 def _new_folder(parent: Path, prefix: str) -> tuple[Path, int | None]:
-    """Create a folder and lock it."""
+    """Create a temporary folder in ``parent`` and lock it."""
     while True:  # retry if another write removed the folder before the lock
         folder = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
         try:
@@ -168,7 +168,7 @@ def _new_folder(parent: Path, prefix: str) -> tuple[Path, int | None]:
 
 
 def _remove_abandoned(parent: Path, prefix: str) -> None:
-    """Remove folders whose process has ended.
+    """Remove temporary folders left by processes that have ended.
 
     Without locks, remove folders older than a day.
     """
@@ -191,7 +191,7 @@ def _remove_abandoned(parent: Path, prefix: str) -> None:
 
 
 def _lock(folder: Path) -> int | None:
-    """Lock a folder until :func:`_unlock` or the end of the process.
+    """Lock a folder against other processes until :func:`_unlock` or the end of this process.
 
     Return None if locks are unavailable.
 

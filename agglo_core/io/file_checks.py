@@ -1,4 +1,4 @@
-"""Check format arguments and results.
+"""Call the methods of a file format, and check their arguments and results.
 
 Every error names the file and the format at fault.
 """
@@ -27,7 +27,7 @@ _ON_PURPOSE = (AggloError, OSError, MemoryError)
 
 
 def read_by(known: KnownFormat, path: Path) -> Mesh:
-    """Read a mesh with one format.
+    """Read a mesh with the given format.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def read_by(known: KnownFormat, path: Path) -> Mesh:
 
 
 def read_hierarchy_by(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
-    """Read a mesh and its hierarchy with one format, or from cell data if the format stores none.
+    """Read a mesh and its hierarchy with the given format, by default from tags ``level_0``, ….
 
     Raises as :func:`read_by`.
     """
@@ -65,7 +65,7 @@ def write_by(
     tell: Tell,
     level_values: LevelValues | None = None,
 ) -> None:
-    """Write with one format, atomically.
+    """Write a mesh with the given format, so that the file appears whole or not at all.
 
     Pass the optional arguments that the format declares.
 
@@ -92,7 +92,7 @@ def write_by(
 
 @contextmanager
 def name_in_errors(path: Path) -> Iterator[None]:
-    """Prefix the file name to any error message in the block."""
+    """Prefix the file name to the message of any error raised in the ``with`` block."""
     try:
         yield
     except OptionError:
@@ -112,7 +112,7 @@ def _check_content(file_format: KnownFormat, path: Path) -> None:
 
 
 def _read_with_hierarchy(file_format: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
-    """Read mesh and hierarchy with a format that stores hierarchies."""
+    """Read mesh and hierarchy with a format that can store both."""
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.io.levels import check_belongs
 
@@ -152,7 +152,7 @@ def _check_mesh(file_format: KnownFormat, method: str, mesh: Any) -> Mesh:
 
 
 def _replace_surrogates(name: str) -> str:
-    """Return the name without lone surrogates (bytes of a file name outside the locale's encoding)."""
+    """Return the name in printable form, even if its bytes do not fit the encoding of the locale."""
     try:
         return name.encode(errors="surrogateescape").decode(errors="replace")
     except UnicodeEncodeError:  # other surrogates

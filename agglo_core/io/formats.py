@@ -1,4 +1,4 @@
-"""Select the format that reads or writes a file from the formats of a registry."""
+"""Select the file format that reads or writes a file, among built-in formats and plugins."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _HEAD = 512  # bytes for recognition by content
 
 @dataclass(frozen=True)
 class KnownFormat:
-    """A usable :class:`~agglo_core.protocols.Format` with its record and suffixes."""
+    """A usable file format with its registry record and its file suffixes."""
 
     record: Record
     tool: Any
@@ -34,17 +34,17 @@ class KnownFormat:
 
     @property
     def title(self) -> str:
-        """Name for error messages."""
+        """Name of the format in error messages."""
         return describe(self.record)
 
     def has(self, attribute: str) -> bool:
-        """Return True if the format has this method, or this optional attribute with a true value."""
+        """Return True if the format defines this method, or this attribute with a true value."""
         return bool(getattr(self.tool, attribute, False))
 
 
 @dataclass(frozen=True)
 class Formats:
-    """The formats in a registry, by precedence.
+    """The file formats in a registry, in the order in which they are tried.
 
     Built-in formats come first, then plugins, then formats of last resort. A format is built only when its
     turn comes and it claims the suffix, so the modules of the others are not imported.
@@ -60,7 +60,7 @@ class Formats:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def first_accepted(self, path: Path, read: Callable[[KnownFormat, Path], T]) -> T:
-        """Return the result of ``read`` for the first format that claims and accepts the file.
+        """Apply ``read`` with each matching format until one accepts the file, and return the result.
 
         If none does, formats that recognise the content are tried, whatever the file name. For a folder, the
         formats that recognise it are tried.
@@ -97,7 +97,7 @@ class Formats:
         raise FileError(f"none of the matching formats could read it: {reasons}")
 
     def writer(self, path: Path) -> KnownFormat:
-        """Return the first format that claims and writes the file.
+        """Return the first format that has the suffix of the file and can write.
 
         Raises
         ------
@@ -121,7 +121,7 @@ class Formats:
         return replace(file_format, tool=self.registry.assemble(file_format.record, self.options))
 
     def _claiming(self, path: Path) -> Iterator[KnownFormat]:
-        """Yield the formats with the suffix of a file, last resorts at the end."""
+        """Yield the formats that have the suffix of a file, formats of last resort at the end."""
         late = []
         for record in self._records():
             declared = _declared_suffixes(record)
@@ -137,7 +137,7 @@ class Formats:
         yield from late
 
     def _recognising(self, path: Path) -> Iterator[KnownFormat]:
-        """Yield the formats that recognise the first bytes of a file without claiming its name."""
+        """Yield the formats that recognise the content of a file although its suffix is not theirs."""
         with open(path, "rb") as stream:
             head = strip_mark(stream.read(_HEAD))
         for record in self._records() if head else ():
@@ -152,7 +152,7 @@ class Formats:
                 yield file_format
 
     def _of_folder(self, folder: Path) -> Iterator[KnownFormat]:
-        """Yield the formats that recognise a folder."""
+        """Yield the formats that recognise a folder as one of their meshes."""
         for file_format in self._all():
             if not file_format.has("recognises_folder"):
                 continue
@@ -162,30 +162,31 @@ class Formats:
                 yield file_format
 
     def _all(self) -> Iterator[KnownFormat]:
-        """Yield the usable formats, each built when its turn comes."""
+        """Yield all usable formats, each constructed only when it is needed."""
         built = (self._usable(record) for record in self._records())
         return (known for known in built if known is not None)
 
     def _usable(self, record: Record) -> KnownFormat | None:
-        """Build a format, or return None if it is unusable."""
+        """Construct a format, or return None if this fails."""
         try:
             return self._build(record)
         except AggloError:
             return None
 
     def _records(self) -> list[Record]:
-        """List the records of all formats, built-in formats first."""
+        """Return the registry records of all formats, built-in formats first."""
         return sorted(self.registry.list("format"), key=lambda record: not record.in_tree)
 
     def _build(self, record: Record) -> KnownFormat:
-        """Build a format, or raise AggloError with the reason why it is unusable."""
+        """Construct a format, or raise AggloError with the reason why this fails."""
         if record.state != "ok":
             raise PluginError(f"{describe(record)}: {unusable(record)}")
         tool = self.registry.assemble(record, {})
         return KnownFormat(record, tool, _declared_suffixes(record) or _suffixes_of(tool, describe(record)))
 
     def _unknown(self, path: Path, *, writing: bool) -> FileError:
-        """Create the error for a file that no format claims, with all unusable formats and plugins."""
+        """Create the error for a file of unknown format, which also names all unusable formats and plugins.
+        """
         problem = f"unknown suffix {path.suffix!r}" if path.suffix else "no suffix"
         explanation = None if writing else why_unread(path)
         problem = explanation or problem
@@ -198,7 +199,7 @@ class Formats:
         return FileError("; ".join(lines))
 
     def _fault(self, record: Record) -> str:
-        """Return the reason why a format is unusable, or an empty string."""
+        """Return the reason why a format is unusable, or an empty string for a usable one."""
         try:
             self._build(record)
         except AggloError as error:
@@ -206,7 +207,7 @@ class Formats:
         return ""
 
     def _expected(self, method: str) -> str:
-        """List the suffixes of all formats with this method (read or write)."""
+        """Return an error text with the suffixes of all formats that can ``read`` or ``write``."""
         formats = [file_format for file_format in self._all() if file_format.has(method)]
         suffixes = dict.fromkeys(suffix for file_format in formats for suffix in file_format.suffixes)
         if not suffixes:
@@ -225,13 +226,13 @@ def _declared_suffixes(record: Record) -> tuple[str, ...]:
 
 
 def _has_magic(record: Record, head: bytes) -> bool:
-    """Return True if a file begins as the format declares."""
+    """Return True if a file begins with the bytes that identify the format."""
     magic = record.component.magic if record.component is not None else ""
     return bool(magic) and re.search(magic.encode("latin-1"), head) is not None
 
 
 def _recognises(file_format: KnownFormat, head: bytes) -> bool:
-    """Call ``recognises`` for a format without declared suffixes."""
+    """Return True if the format's method ``recognises`` accepts the first bytes of a file."""
     if not file_format.has("recognises"):
         return False
     with attributed(file_format.title):
@@ -239,7 +240,7 @@ def _recognises(file_format: KnownFormat, head: bytes) -> bool:
 
 
 def _suffixes_of(tool: Any, title: str) -> tuple[str, ...]:
-    """Return the ``suffixes`` attribute of a format without declared suffixes.
+    """Return the file suffixes of a format from its attribute ``suffixes``.
 
     Raises PluginError if it is invalid.
     """

@@ -32,7 +32,7 @@ _log = logging.getLogger("agglo")
 
 
 def split_levels(mesh: Mesh) -> tuple[Mesh, Hierarchy | None]:
-    """Separate the tags ``level_0``, ``level_1``, … from a mesh and return them as a hierarchy, if any.
+    """Remove the tags ``level_0``, ``level_1``, … from a mesh and convert them to a hierarchy, if any.
 
     Tags after the first missing level remain tags, and a warning is logged.
     """
@@ -52,7 +52,7 @@ def split_levels(mesh: Mesh) -> tuple[Mesh, Hierarchy | None]:
 
 
 def _nests(fine: Int, coarse: Int) -> bool:
-    """Return True if every part of ``fine`` lies in one part of ``coarse``."""
+    """Return True if every part of the labelling ``fine`` lies in one part of ``coarse``."""
     return bool((coarse[first_of_each(fine)][fine] == coarse).all())
 
 
@@ -71,7 +71,7 @@ def check_belongs(mesh: Mesh, hierarchy: Hierarchy) -> None:
 def coarse_cell_data(
     levels: Sequence[Int], level: int, coarse: Mesh, values: Mapping[str, Float]
 ) -> dict[str, NDArray[Any]]:
-    """Return the cell data ``(k,)`` of the coarse mesh on a level.
+    """Return the cell data to be written with a coarse mesh, one value ``(k,)`` per agglomerate.
 
     ``agglomerate`` is the label, ``parent`` the label on the next coarser level (−1 if there is none, or if
     the agglomerate lies in several), ``cells`` the number of cells; ``measure`` and ``diameter`` come from
@@ -98,7 +98,7 @@ def _parents(labels: Int, coarser: Sequence[Int]) -> Int:
 
 
 def check_level_values(hierarchy: Hierarchy | None, values: LevelValues) -> list[dict[str, Float]]:
-    """Return the values per level as floats.
+    """Check user-supplied values on the agglomerates of each level and convert them to floats.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def check_level_values(hierarchy: Hierarchy | None, values: LevelValues) -> list
 
 
 def under_free_names(data: Mapping[str, NDArray[Any]], taken: Collection[str]) -> dict[str, NDArray[Any]]:
-    """Prefix ``agglo_`` to names that a user tag or an internal marker already uses."""
+    """Prefix ``agglo_`` to the names of cell data that are already in use."""
     renamed: dict[str, NDArray[Any]] = {}
     for name, values in data.items():
         free = name

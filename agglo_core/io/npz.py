@@ -1,4 +1,4 @@
-"""Read and write the native format, a lossless ``.npz`` without pickle.
+"""Read and write agglo's own file format, a lossless ``.npz`` archive without pickle.
 
 It contains all arrays of a mesh and its hierarchy.
 
@@ -39,7 +39,7 @@ _LEVEL = 1  # deflate level: higher levels take twice the time and save a few pe
 
 
 class Npz(Compressing):
-    """npz without pickle: a complete mesh with its hierarchy, or polygons in a plain layout.
+    """Files ``.npz`` without pickle: a mesh with its hierarchy, or just points and polygons.
 
     Parameters
     ----------
@@ -66,14 +66,14 @@ class Npz(Compressing):
     tells_progress: bool = True
 
     def read(self, path: Path) -> Mesh:
-        """Read the mesh in an archive.
+        """Read the mesh in an ``.npz`` file.
 
         Raises FileError or MeshError.
         """
         return self.read_hierarchy(path)[0]
 
     def read_hierarchy(self, path: Path) -> tuple[Mesh, Hierarchy | None]:
-        """Read mesh and hierarchy from an ``.npz``, native or plain.
+        """Read mesh and hierarchy from an ``.npz`` file written by agglo, or a mesh from plain arrays.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class Npz(Compressing):
 
 
 def _plain(value: Any) -> Any:
-    """Convert types without a JSON form to plain data."""
+    """Convert arrays, dataclasses and containers to types that JSON can store."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if is_dataclass(value) and not isinstance(value, type):

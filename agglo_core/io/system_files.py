@@ -1,4 +1,4 @@
-"""Read and write linear systems as ``.npz`` or MatrixMarket, without loss except the mesh.
+"""Read and write linear systems as ``.npz`` or MatrixMarket files, without loss except the mesh.
 
 An ``.npz`` holds the CSR arrays ``data, indices, indptr`` of A, ``b``, ``block_offsets`` and, if present,
 ``near_null``. MatrixMarket files hold one matrix each: ``name.mtx`` is A, ``name_b.mtx`` is b,
@@ -38,7 +38,7 @@ _DIGITS = 17
 
 
 def write_system(path: str | PathLike[str], system: System) -> None:
-    """Write a system to ``.npz``, or to ``.mtx`` and files beside it.
+    """Write a linear system to an ``.npz`` file, or to an ``.mtx`` file and files beside it.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def write_system(path: str | PathLike[str], system: System) -> None:
 
 
 def read_system(path: str | PathLike[str], mesh: Mesh | None = None) -> System:
-    """Read a system from :func:`write_system`, or a matrix with a right-hand side beside it.
+    """Read a linear system written by :func:`write_system`, or a matrix and its right-hand side.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def _require_file(path: Path) -> None:
 
 @contextmanager
 def _name_in_errors(name: object) -> Iterator[None]:
-    """Prefix the file name to any error message in the block."""
+    """Prefix the file name to the message of any error raised in the ``with`` block."""
     try:
         yield
     except (FileError, OptionError) as error:
@@ -183,7 +183,7 @@ _SUFFIXES = (".npz", ".mtx")
 
 
 def check_system_file(path: Path) -> None:
-    """Raise FileError if a system cannot be written, as far as this can be checked in advance."""
+    """Raise FileError if writing a linear system to this path would certainly fail."""
     if path.suffix.lower() not in _SUFFIXES:
         raise FileError(f"{path}: the suffix of a system file must be {' or '.join(_SUFFIXES)}")
     if not path.parent.is_dir():
@@ -192,7 +192,7 @@ def check_system_file(path: Path) -> None:
 
 
 def write_system_and_levels(path: str | PathLike[str], system: System, levels: Sequence[Int]) -> None:
-    """Write a system and the labels ``(n_cells,)`` per level to ``.npz`` or ``.mtx`` files.
+    """Write a linear system and the labels ``(n_cells,)`` of each level to ``.npz`` or ``.mtx`` files.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Convert cell tags to file cell data and back, with name and value checks."""
+"""Convert cell tags to the cell data of a file and back, with checks of names and values."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ _NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def is_level(name: str) -> bool:
-    """Return True if the name belongs to level labels: ``level_0``, ``level_1``, …."""
+    """Return True if the name is reserved for the labels of a level: ``level_0``, ``level_1``, …."""
     return _LEVEL.fullmatch(name) is not None
 
 
 def cell_data(mesh: Mesh, hierarchy: Hierarchy | None) -> dict[str, Int]:
-    """Return cell tags and all level labels, see :func:`tags_and_levels`."""
+    """Return the integer cell data of a file: cell tags and the labels of all levels."""
     return tags_and_levels(mesh.cell_tags, hierarchy.levels if hierarchy is not None else None)
 
 
 def tags_and_levels(tags: Mapping[str, Int], levels: Sequence[Int] | None) -> dict[str, Int]:
-    """Return tags and all level labels as ``level_0``, …, without those of an earlier hierarchy.
+    """Combine tags with the labels of all levels, and drop labels of an earlier hierarchy.
 
     Without levels, tags with such names are kept.
     """
@@ -50,7 +50,7 @@ def tags_and_levels(tags: Mapping[str, Int], levels: Sequence[Int] | None) -> di
 
 
 def check_names(names: Iterable[str], what: str = "cell") -> None:
-    """Raise MeshError for tag names that files cannot hold."""
+    """Raise MeshError if files cannot store one of these tag names."""
     for name in names:
         if not name:
             raise MeshError(f"a {what} tag has an empty name; only .npz can hold it")
@@ -61,7 +61,7 @@ def check_names(names: Iterable[str], what: str = "cell") -> None:
 
 
 def tag_values(name: str, values: NDArray[Any]) -> Int:
-    """Convert integers from a file to a tag.
+    """Convert integer values from a file to a tag.
 
     Raises FileError if they exceed int64.
     """
@@ -71,7 +71,7 @@ def tag_values(name: str, values: NDArray[Any]) -> Int:
 
 
 def note_left_out(mesh: Mesh, names: Iterable[str]) -> Mesh:
-    """Record cell data that could not become tags as a repair, and log their names."""
+    """Log the names of cell data that were skipped, and add their number to ``mesh.repairs``."""
     skipped_names = list(dict.fromkeys(name or "(without a name)" for name in names))
     if not skipped_names:
         return mesh

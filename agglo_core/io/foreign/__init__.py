@@ -1,1 +1,1 @@
-"""Read and write further formats with meshlane."""
+"""Read and write further mesh formats through the Python package meshlane."""

@@ -1,4 +1,4 @@
-"""Read and write all other formats through the package meshlane.
+"""Read and write the formats that agglo itself does not support, through the package meshlane.
 
 All its failures become FileErrors.
 """
@@ -125,7 +125,7 @@ def _is_gmsh(path: Path) -> bool:
 
 
 def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
-    """Run meshlane in a separate process.
+    """Read the cells of a file with meshlane, in a separate process.
 
     Return cells, set tag names, and names of data left out.
     """
@@ -160,7 +160,7 @@ def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
 
 
 def _copy_unmarked(path: Path, folder: str) -> Path:
-    """Return the path, or a copy in ``folder`` if the file begins with a byte order mark.
+    """Return the path, or a copy without the byte order mark at the beginning of the file.
 
     XML parsers accept the mark, so XML files are not copied. TetGen's pair of files is copied together.
     """
@@ -191,7 +191,7 @@ def _load(target: str) -> tuple[Soup, set[str], list[str]]:
 
 
 def _note_sets(mesh: Mesh, sets: set[str]) -> None:
-    """Log the named sets of cells and faces, which can be selected by name."""
+    """Log the names of cell and face sets, which commands and functions can refer to."""
     for entity, tags in (("cells", mesh.cell_tags), ("faces", mesh.face_tags)):
         descriptions = [f"{name} ({(values == 1).sum():,})" for name, values in tags.items() if name in sets]
         if descriptions:
@@ -199,7 +199,7 @@ def _note_sets(mesh: Mesh, sets: set[str]) -> None:
 
 
 def _drop_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
-    """Remove tags of sets without a cell or face, and face tags that are −1 everywhere.
+    """Remove the tags of empty sets, and face tags that are −1 everywhere.
 
     A set has cells of one dimension, so most sets are empty in the other. Sets that are empty in both cause a
     warning.
@@ -218,7 +218,7 @@ def _drop_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
 
 
 def _write_silently(target: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
-    """Write through meshlane with its output discarded.
+    """Write a mesh through meshlane and discard what meshlane prints.
 
     Any exception becomes a FileError.
     """
@@ -240,7 +240,7 @@ def _write_silently(target: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
 
 
 def _blocks(mesh: Mesh) -> list[tuple[str, NDArray[Any]]]:
-    """Return blocks of consecutive cells with the same type, with their nodes."""
+    """Split the cells into blocks of consecutive cells with the same type, with their nodes."""
     names, offsets, vertices = _polygons(mesh) if mesh.dim == 2 else _tetrahedra(mesh)
     sizes = np.diff(offsets)
     cuts = [0, *(np.flatnonzero(np.diff(sizes)) + 1).tolist(), len(sizes)]
@@ -262,7 +262,7 @@ def _polygons(mesh: Mesh) -> tuple[dict[int, str], Int, Int]:
 
 
 def _tetrahedra(mesh: Mesh) -> tuple[dict[int, str], Int, Int]:
-    """Return each tetrahedron as one face seen from inside, followed by the opposite vertex."""
+    """Return the corners of each tetrahedron: a face, clockwise from outside, then the opposite vertex."""
     offsets, vertices = mesh.cell_vertices
     cell_offsets, faces = mesh.cell_faces
     non_tetrahedra = np.flatnonzero((np.diff(offsets) != 4) | (np.diff(cell_offsets) != 4))
@@ -279,7 +279,7 @@ def _tetrahedra(mesh: Mesh) -> tuple[dict[int, str], Int, Int]:
 
 
 def _check_whole(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
-    """Raise FileError unless the file holds the mesh with its tags."""
+    """Read a written file back and raise FileError unless it holds the mesh with its tags."""
     hint = f"{path.suffix} would lose {{}}; .vtu and .npz keep everything"
     try:
         file_mesh = Meshlane(merge_points=False, allow_gaps=True).read(path)

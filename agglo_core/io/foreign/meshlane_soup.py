@@ -1,4 +1,4 @@
-"""Convert meshlane's result to cells, in a process started by ``agglo_core.io.foreign.meshlane``.
+"""Read a file with meshlane and save its cells as ``.npz``, in a process of its own.
 
 meshlane prints, exits, and on some truncated files never ends. A separate process with limits on processor
 time and memory contains all of this.
@@ -47,7 +47,7 @@ _KINDS = {
 
 
 def main(source: str, target: str, seconds: int, memory: int) -> int:
-    """Read ``source`` and save its cells in ``target`` (npz).
+    """Read ``source`` with meshlane and save its cells in the ``.npz`` file ``target``.
 
     On failure print the reason and return 1.
     """
@@ -75,7 +75,7 @@ def main(source: str, target: str, seconds: int, memory: int) -> int:
 
 @contextmanager
 def _refuse_special_files(source: str) -> Iterator[None]:
-    """Reject pipes and devices that meshlane opens beside the first file, because they may never end."""
+    """Reject pipes and devices that meshlane might open, because reading them may never end."""
     active = True
 
     def refuse(path: object) -> None:
@@ -94,7 +94,7 @@ def _refuse_special_files(source: str) -> Iterator[None]:
 
 
 def _check_hdf5_files(check: Callable[[object], None]) -> None:
-    """Make h5py check each file before opening."""
+    """Make h5py call ``check`` for each HDF5 file that it opens."""
     try:
         import h5py
     except ImportError:
@@ -109,7 +109,7 @@ def _check_hdf5_files(check: Callable[[object], None]) -> None:
 
 
 def _refuse_links(source: str) -> None:
-    """Raise FileError if parts of an HDF5 file (MED, CGNS, H5M) lie in other files."""
+    """Raise FileError if an HDF5 file (MED, CGNS, H5M) refers to data in other files."""
     with open(source, "rb") as file:
         if file.read(8) != b"\x89HDF\r\n\x1a\n":
             return
@@ -134,7 +134,7 @@ def _refuse_links(source: str) -> None:
 
 
 def _limit(seconds: int, memory: int) -> None:
-    """Limit processor time (s) and additional address space (bytes), if the system supports it."""
+    """Limit the processor time (s) and the additional memory (bytes) of this process, if possible."""
     try:
         import resource
     except ImportError:  # Windows: only the caller's time limit applies
@@ -145,7 +145,7 @@ def _limit(seconds: int, memory: int) -> None:
 
 
 def _address_space(page: int) -> int:
-    """Return the bytes in use by this process, or an upper bound if unknown."""
+    """Return the memory in use by this process in bytes, or an upper bound if unknown."""
     try:
         return page * int(Path("/proc/self/statm").read_text().split()[0])
     except (OSError, ValueError):
@@ -173,7 +173,7 @@ def _save(soup: Soup, sets: list[str], data: list[str], target: str) -> None:
 
 
 def soup_from_meshlane(found: Any) -> Soup:
-    """Join the blocks in a meshlane mesh into one cell list."""
+    """Concatenate the cell blocks of a meshlane mesh."""
     points = np.asarray(found.points, dtype=np.float64)
     if points.ndim == 2 and points.shape[1] == 1:
         raise FileError("it holds a 1-D mesh, expected a 2-D or 3-D one")
@@ -202,7 +202,7 @@ def soup_from_meshlane(found: Any) -> Soup:
 
 
 def _block(name: str, data: Any) -> tuple[Int, Int, Int, Polyhedra]:
-    """Return VTK types, offsets, nodes and half-faces for a cell block."""
+    """Convert a block of meshlane cells to VTK types, offsets and nodes, and polyhedra to faces per cell."""
     none = concatenate([])
     if name.startswith("polyhedron"):
         solids = _polyhedra(data)
@@ -234,7 +234,7 @@ def _polyhedra(cells: Any) -> Polyhedra:
 
 
 def _data_tags(mesh: Any, counts: list[int]) -> dict[str, Int]:
-    """Return integer cell data with one component, available on every block.
+    """Return as tags the integer cell data with one component that exist on all blocks.
 
     MDPA files store all data as real numbers; arrays of whole values become integers.
     """
@@ -252,7 +252,7 @@ def _data_tags(mesh: Any, counts: list[int]) -> dict[str, Int]:
 
 
 def _convert_whole(arrays: list[Any]) -> list[Any]:
-    """Convert real arrays to integers if all their values are whole."""
+    """Convert floating-point arrays to integers if all their values are integers."""
     real = [array for array in arrays if array.dtype.kind == "f"]
     whole = all((np.abs(array) < 2**53).all() and (array == np.floor(array)).all() for array in real)
     return [array.astype(np.int64) for array in arrays] if real and whole else arrays
@@ -274,7 +274,7 @@ def _set_tags(mesh: Any, counts: list[int]) -> dict[str, Int]:
 
 
 def _families(mesh: Any) -> dict[str, list[int]]:
-    """Return the family numbers per group (OpenFOAM patches, MED groups)."""
+    """Return the numbers of the cell families in each named group (OpenFOAM patches, MED groups)."""
     families: dict[str, list[int]] = {}
     for number, names in (getattr(mesh, "cell_tags", None) or {}).items():
         for name in names:

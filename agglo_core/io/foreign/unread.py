@@ -1,4 +1,4 @@
-"""Recognise known formats that are not supported yet and suggest a remedy."""
+"""Recognise unsupported file layouts, and suggest a remedy to the user."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LINES = 2000  # lines to inspect; the first few determine the layout
 
 
 def why_unread(path: Path) -> str | None:
-    """Return layout and remedy (``is …; …``) for a file that no format reads, or None if unknown."""
+    """Return why a file cannot be read, and a remedy (``is …; …``), or None for unknown layouts."""
     look = _LOOKS.get(path.suffix.lower())
     try:
         return look(path) if look is not None else None
@@ -22,7 +22,7 @@ def why_unread(path: Path) -> str | None:
 
 
 def _ucd(path: Path) -> str | None:
-    """Recognise AVS UCD: five counts, then the points numbered from 1."""
+    """Recognise an AVS UCD file: a line with five counts, then the points."""
     lines = _numbers(path)
     head, point = next(lines, []), next(lines, [])
     if len(head) != 5 or len(point) != 4 or not all(word.isdigit() for word in head):
@@ -31,7 +31,7 @@ def _ucd(path: Path) -> str | None:
 
 
 def _avs(path: Path) -> str | None:
-    """Find the first cell type that AVS UCD does not define.
+    """Return an error text for the first cell whose type AVS UCD does not define, or None.
 
     Cell lines hold a number, a material, a type and the points.
     """
@@ -59,7 +59,7 @@ def _gmsh(path: Path) -> str | None:
 
 
 def _gmsh_types(path: Path) -> Iterator[str]:
-    """Yield the element types of a Gmsh file: per block in version 4, per element in version 2."""
+    """Yield the element types in a Gmsh text file: per block in version 4, per element in version 2."""
     lines = _words(path, comments=None)
     version = next((next(lines, [""])[0] for words in lines if words[0] == "$MeshFormat"), "")
     started = any(words[0] == "$Elements" and next(lines, None) for words in lines)
@@ -74,7 +74,7 @@ def _gmsh_types(path: Path) -> Iterator[str]:
 
 
 def _words(path: Path, comments: str | None) -> Iterator[list[str]]:
-    """Yield the words of each line, without comments and empty lines."""
+    """Yield the whitespace-separated words of each line, without comments and empty lines."""
     with open(path, encoding="utf-8", errors="replace") as lines:
         for line in lines:
             words = (line.partition(comments)[0] if comments else line).split()

@@ -1,4 +1,4 @@
-"""Read nodes, entities and elements from Gmsh files, all supported versions."""
+"""Read nodes, entities and elements from Gmsh files of all supported versions."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _SHAPES = {  # dimension, VTK type
 
 
 def _node_count(shape: str, p: int) -> int:
-    """Return the number of nodes in the complete element of order p."""
+    """Return the number of nodes of the Lagrange element of order p."""
     triangle, square = (p + 1) * (p + 2) // 2, (p + 1) ** 2
     return {
         "line": p + 1,
@@ -59,7 +59,7 @@ def _node_count(shape: str, p: int) -> int:
 
 
 def _tables() -> tuple[Int, Int, Int]:
-    """Return dimension (−1: unsupported), VTK type and node count of each Gmsh type."""
+    """Tabulate dimension (−1: unsupported), VTK type and node count of Gmsh's element types."""
     dims, types, nodes = np.full(256, -1), np.zeros(256, np.int64), np.ones(256, np.int64)
     dims[15], types[15] = 0, 1
     for shape, numbers in _ORDERS.items():
@@ -73,7 +73,7 @@ DIMS, VTK_TYPES, _NODES = _tables()
 
 
 class Entity(NamedTuple):
-    """Geometrical entity, or its part in one partition."""
+    """Gmsh entity (point, curve, surface or volume of the geometry), or its share in one partition."""
 
     tag: int  # of the entity itself
     groups: Int  # numbers of its physical groups
@@ -84,7 +84,7 @@ Entities = Mapping[tuple[int, int], Entity]  # by dimension and tag
 
 
 class Elements(NamedTuple):
-    """Elements in file order."""
+    """Elements of a Gmsh file, in file order."""
 
     numbers: Int  # (n,)
     types: Int  # (n,) Gmsh's
@@ -124,7 +124,7 @@ def read_nodes(numbers: Numbers) -> tuple[Int, Float]:
 
 
 def read_entities(numbers: Numbers) -> dict[tuple[int, int], Entity]:
-    """Read ``$Entities`` or ``$PartitionedEntities`` by dimension and tag.
+    """Read ``$Entities`` or ``$PartitionedEntities`` as a mapping from (dimension, tag) to entity.
 
     Raises FileError if damaged.
     """
@@ -149,7 +149,7 @@ def read_entities(numbers: Numbers) -> dict[tuple[int, int], Entity]:
 
 
 def read_elements(numbers: Numbers, entities: Entities) -> Elements:
-    """Read the elements of any version.
+    """Read the section ``$Elements`` of a file of any supported version.
 
     Raises FileError if damaged.
     """
@@ -175,7 +175,7 @@ def read_elements(numbers: Numbers, entities: Entities) -> Elements:
 
 
 def _read_by_entity(numbers: Numbers, entities: Entities) -> Iterator[Elements]:
-    """Yield the blocks of versions 4.0 and 4.1: elements with one type on one entity."""
+    """Yield the element blocks of versions 4.0 and 4.1: elements of one type on one entity."""
     newer = numbers.header.version == "4.1"
     memberships = 0
     for _ in range(int(numbers.sizes(4 if newer else 2)[0])):
@@ -200,7 +200,7 @@ def _read_by_entity(numbers: Numbers, entities: Entities) -> Iterator[Elements]:
 
 
 def _read_by_header(numbers: Numbers, n_elements: int) -> Iterator[Elements]:
-    """Yield the blocks of binary version 2 files: elements with the same type and number of tags."""
+    """Yield the element blocks of binary version 2: elements of one type with equally many tags."""
     n_read = 0
     while n_read < n_elements:
         kind, n, n_tags = numbers.ints(3).tolist()
@@ -214,7 +214,7 @@ def _read_by_header(numbers: Numbers, n_elements: int) -> Iterator[Elements]:
 
 
 def _read_one_by_one(numbers: Numbers, n_elements: int) -> Elements:
-    """Read elements from version 2 text: number, type, number of tags, tags, nodes."""
+    """Read the elements of a version 2 text file: number, type, number of tags, tags, nodes."""
     stream = numbers.rest()
 
     def ends(window: Int) -> Int:
@@ -234,7 +234,7 @@ def _read_one_by_one(numbers: Numbers, n_elements: int) -> Elements:
 
 
 def _build_elements(stream: Int, numbers: Int, kinds: Int, first: Int, n_tags: Int) -> Elements:
-    """Build version 2 elements from a stream with tags at ``first``, followed by the nodes.
+    """Build elements from the numbers of a version 2 file, given the index of each first tag.
 
     Tags are the physical group, the geometrical entity, the number of partitions and the partitions; versions
     before 2.2 have a single partition instead.
@@ -260,7 +260,7 @@ def _build_elements(stream: Int, numbers: Int, kinds: Int, first: Int, n_tags: I
 
 
 def _node_count_of(kind: int) -> int:
-    """Return the node count for a Gmsh element type.
+    """Return the number of nodes of a Gmsh element type.
 
     Raises FileError if it is unsupported.
     """
@@ -270,7 +270,7 @@ def _node_count_of(kind: int) -> int:
 
 
 def first_listings(elements: Elements) -> Int:
-    """Return for each element ``(n,)`` the element that it repeats, or itself.
+    """Return for each element ``(n,)`` the index of the earlier element that it repeats, or its own.
 
     Version 2 lists an element once per physical group. A repetition has the type and nodes of an earlier
     element but a new group. With a group listed before, it remains an element.

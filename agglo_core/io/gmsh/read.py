@@ -35,7 +35,7 @@ _MISSING = -1  # value of elements without element data
 
 
 class _Data(NamedTuple):
-    """Section of element data."""
+    """One ``$ElementData`` section: values of a named quantity on some elements."""
 
     name: str
     step: int
@@ -44,7 +44,7 @@ class _Data(NamedTuple):
 
 
 def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
-    """Return the cells, the group tag names, and the names of skipped element data.
+    """Return cells, names of the tags made from groups, and names of skipped element data.
 
     Each named physical group is a tag: 1 inside, 0 outside. ``gmsh:physical`` holds the first group of each
     element, ``gmsh:geometrical`` its entity, and ``gmsh:partition`` its partition, if any. Unnamed groups
@@ -104,7 +104,7 @@ def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
 
 
 def _group_names(body: bytes) -> dict[str, list[tuple[int, int]]]:
-    """Return dimension and number of the groups with each name."""
+    """Map each name in ``$PhysicalNames`` to the groups (dimension, number) with that name."""
     names: dict[str, list[tuple[int, int]]] = {}
     for dim, number, name in _NAME.findall(body.partition(b"\n")[2]):
         names.setdefault(decode_name(name), []).append((int(dim), abs(int(number))))
@@ -114,7 +114,7 @@ def _group_names(body: bytes) -> dict[str, list[tuple[int, int]]]:
 def _group_tags(
     dims: Int, members: Int, names: Mapping[str, list[tuple[int, int]]]
 ) -> tuple[dict[str, Int], set[str]]:
-    """Return cell tags for groups, and the names of tags for a single group."""
+    """Convert physical groups to cell tags, and return also the names of the 0/1 tags."""
     tags: dict[str, Int] = {}
     cells, numbers = members.T
     physical = np.zeros(len(dims), np.int64)
@@ -156,7 +156,7 @@ def _element_data(numbers: Numbers) -> _Data:
 def _data_tags(
     data: list[_Data], steps: Mapping[str, int], elements: Elements, cell: Int, n: int
 ) -> dict[str, Int]:
-    """Return tags ``(n,)`` from integer element data with one component.
+    """Convert integer element data with one component to cell tags ``(n,)``.
 
     Missing values are −1.
     """
@@ -190,7 +190,7 @@ def _data_tags(
 
 
 def _cells(elements: Elements, cell_elements: Int, nodes: tuple[Int, Float], tags: Mapping[str, Int]) -> Soup:
-    """Convert elements, one per cell, to VTK types and node order."""
+    """Convert the elements that become cells to VTK types and VTK's node order."""
     offsets, entries = gather(elements.offsets, cell_elements)
     numbers = elements.nodes[entries]
     vertices = np.array(_places(nodes[0], frozen_int(numbers)))
@@ -203,7 +203,7 @@ def _cells(elements: Elements, cell_elements: Int, nodes: tuple[Int, Float], tag
 
 
 def _places(numbers: Int, queries: Int) -> Int:
-    """Return the position of each of ``queries`` in ``numbers``, or −1 if absent."""
+    """Return the index of each of ``queries`` in ``numbers``, or −1 if absent."""
     if not len(numbers):
         return frozen_int(np.full(len(queries), -1))
     order = np.argsort(numbers, kind="stable")

@@ -1,4 +1,4 @@
-"""Split Gmsh files into sections and read their numbers, as text or binary."""
+"""Split Gmsh files into sections and read the numbers in them, from text or binary files."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Header(NamedTuple):
 
 
 def sections(content: bytes) -> Iterator[tuple[str, int, int]]:
-    """Yield name, start and end of each section body, in file order.
+    """Yield the name of each section with start and end of its content, in file order.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def sections(content: bytes) -> Iterator[tuple[str, int, int]]:
 
 
 def gmsh_header(body: bytes, nodes: bytes) -> Header:
-    """Determine version and encoding from the bodies of ``$MeshFormat`` and ``$Nodes``.
+    """Determine version and encoding from the sections ``$MeshFormat`` and ``$Nodes``.
 
     Gmsh writes version 4.0 as 4, other programs write 4.1 as 4. The length of the first line of ``$Nodes``
     distinguishes them.
@@ -84,7 +84,7 @@ def gmsh_header(body: bytes, nodes: bytes) -> Header:
 
 
 def decode_name(name: bytes) -> str:
-    """Decode a name as UTF-8, or as Latin-1 for older programs."""
+    """Decode a name as UTF-8, or as Latin-1 (written by older programs) if it is not valid UTF-8."""
     try:
         return name.decode("utf-8")
     except UnicodeDecodeError:
@@ -93,7 +93,7 @@ def decode_name(name: bytes) -> str:
 
 @dataclass
 class Numbers:
-    """Cursor over the numbers of one section.
+    """Cursor that reads the numbers of one section in sequence.
 
     Every method raises FileError if the section is too short or a value is not an integer where required.
     """
@@ -106,7 +106,7 @@ class Numbers:
     _text: Float | None = field(default=None, init=False)
 
     def line(self) -> bytes:
-        """Return the next line of text (titles and counts are text even in binary files)."""
+        """Return the next text line (titles and counts are text even in binary files)."""
         end = self.content.find(b"\n", self.place, self.stop)
         if end < 0:
             raise self._short()
@@ -115,26 +115,26 @@ class Numbers:
         return line
 
     def line_count(self) -> int:
-        """Read an integer on its own line."""
+        """Read the next line, which holds a single non-negative integer."""
         line = self.line()
         if not re.fullmatch(rb"\d{1,18}", line):
             raise FileError(f"${self.name}: expected a count, found {line[:20]!r}")
         return int(line)
 
     def ints(self, n: int) -> Int:
-        """Read n 4-byte integers ``(n,)``."""
+        """Read the next n 4-byte integers ``(n,)``."""
         return self._whole(self._take("i4", n))
 
     def sizes(self, n: int) -> Int:
-        """Read n integers of type ``size_t`` ``(n,)``."""
+        """Read the next n integers of type ``size_t`` ``(n,)``."""
         return self._whole(self._take(f"u{self.header.size}", n))
 
     def reals(self, n: int) -> Float:
-        """Read n doubles ``(n,)``."""
+        """Read the next n doubles ``(n,)``."""
         return frozen_float(self._take("f8", n))
 
     def rows(self, n: int, width: int) -> tuple[Int, Float]:
-        """Read n rows, each a 4-byte integer ``(n,)`` and doubles ``(n, width)``."""
+        """Read n rows, each with one 4-byte integer and ``width`` doubles, as ``(n,)`` and ``(n, width)``."""
         if not self.header.order:
             table = self._take("f8", n * (1 + width)).reshape(n, 1 + width)
             return self._whole(table[:, 0]), frozen_float(table[:, 1:])
@@ -142,7 +142,7 @@ class Numbers:
         return frozen_int(table["number"]), frozen_float(table["values"])
 
     def rest(self) -> Int:
-        """Read all remaining numbers, 4-byte integers in binary files."""
+        """Read all remaining numbers of the section as integers (4 bytes each in binary files)."""
         if self.header.order:
             return self.ints((self.stop - self.place) // 4)
         return self.ints(len(self._values()))

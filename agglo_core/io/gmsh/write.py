@@ -1,4 +1,4 @@
-"""Write Gmsh 4.1 text files: groups as physical names, other tags as element data."""
+"""Write Gmsh 4.1 text files: 0/1 tags as physical groups, other tags as element data."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SOLIDS = {10: 4, 12: 5, 13: 6, 14: 7}  # VTK's type to Gmsh's
 
 
 class _Elements(NamedTuple):
-    """Cells, or faces with a name."""
+    """Gmsh elements of one dimension: all cells of a mesh, or its faces in named groups."""
 
     dim: int
     types: Int  # (n,) Gmsh's
@@ -41,7 +41,7 @@ class _Elements(NamedTuple):
 
 
 def write_gmsh(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
-    """Write a mesh.
+    """Write a mesh with its tags as a Gmsh 4.1 text file.
 
     0/1 tags become physical groups, other cell tags element data.
 
@@ -105,7 +105,7 @@ def _cells(mesh: Mesh, number: Int | None, groups: Mapping[str, Int]) -> _Elemen
 
 
 def _faces(mesh: Mesh, number: Int | None) -> _Elements:
-    """Return the faces with a positive value in some tag.
+    """Return the faces with a positive value in at least one tag, as Gmsh elements.
 
     A tag with a single positive value is a group; with several values each value is a group.
     """
@@ -129,7 +129,7 @@ def _number_from_one(vertices: Int, number: Int | None) -> Int:
 
 
 def _write_elements(stream: TextIO, points: Float, parts: list[_Elements]) -> None:
-    """Write physical names, entities, nodes and elements.
+    """Write the sections with physical names, entities, nodes and elements.
 
     Each set of groups is one entity.
     """
@@ -167,7 +167,7 @@ def _write_elements(stream: TextIO, points: Float, parts: list[_Elements]) -> No
 
 
 def _blocks(part: _Elements, entity: NDArray[Any], first: int) -> Iterator[str]:
-    """Yield blocks of consecutive elements with equal entity and type, so that the order is kept."""
+    """Yield the text of element blocks: consecutive elements with equal entity and type."""
     turns = np.flatnonzero((np.diff(entity) != 0) | (np.diff(part.types) != 0)) + 1
     for a, b in pairwise([0, *turns.tolist(), len(entity)]):
         size = int(part.offsets[a + 1] - part.offsets[a])
@@ -179,6 +179,6 @@ def _blocks(part: _Elements, entity: NDArray[Any], first: int) -> Iterator[str]:
 
 
 def _write_data(stream: TextIO, name: str, values: NDArray[Any]) -> None:
-    """Write values for all elements, because readers expect values on faces too."""
+    """Write an ``$ElementData`` section with one value per element (cells, then faces)."""
     rows = "".join(f"{i} {value}\n" for i, value in enumerate(values.tolist(), 1))
     stream.write(f'$ElementData\n1\n"{name}"\n1\n0.0\n3\n0\n1\n{len(values)}\n{rows}$EndElementData\n')

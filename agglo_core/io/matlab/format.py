@@ -1,4 +1,4 @@
-"""MATLAB files of lymph, mVEM and PolyMesher as a format."""
+"""File format for MATLAB files in the layouts of lymph, mVEM, PolyMesher and MRST."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Matlab(Compressing):
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Read a mesh.
+        """Read the mesh in a MATLAB file.
 
         Raises FileError or MeshError.
         """

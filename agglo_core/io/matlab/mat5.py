@@ -34,7 +34,7 @@ _ROOM, _EXPANSION = 1 << 26, 30  # bytes allowed after inflation: fixed, and per
 
 
 class Variable(NamedTuple):
-    """Matrix of a file, decoded on access."""
+    """MATLAB variable whose values are decoded from the file only when they are requested."""
 
     name: str
     kind: int  # MATLAB's number of the class
@@ -46,7 +46,7 @@ class Variable(NamedTuple):
 
     @property
     def is_numeric(self) -> bool:
-        """True for numbers.
+        """True if the variable is an array of numbers.
 
         False for cells, structs and texts.
         """
@@ -54,30 +54,30 @@ class Variable(NamedTuple):
 
     @property
     def is_struct(self) -> bool:
-        """True for a struct."""
+        """True if the variable is a struct."""
         return self.kind == _STRUCT
 
     @property
     def is_cell(self) -> bool:
-        """True for a cell array."""
+        """True if the variable is a cell array."""
         return self.kind == _CELL
 
     def reals(self) -> Float:
-        """Return the numbers in their shape.
+        """Return the numbers as doubles, in the shape of the variable.
 
         Raises FileError if the variable is not numeric.
         """
         return frozen_float(self._numbers())
 
     def integers(self) -> Int:
-        """Return the numbers as integers ``(n,)``.
+        """Return the numbers as a vector of integers ``(n,)``, column by column.
 
         Raises FileError for other values.
         """
         return whole_values(self._numbers().ravel(order="F"), self.name)
 
     def _numbers(self) -> NDArray[Any]:
-        """Return the numbers in their shape and stored type."""
+        """Return the numbers in the shape of the variable and in the data type of the file."""
         if not self.is_numeric:
             raise FileError(f"{self.name} is not numeric")
         kind, place, size = _element(self.words, self.start, self.stop, self.name)
@@ -89,7 +89,7 @@ class Variable(NamedTuple):
         return values.reshape(self.shape, order="F")
 
     def fields(self) -> dict[str, Variable]:
-        """Return the fields of a single struct by name.
+        """Return the fields of a 1 × 1 struct by name.
 
         Raises FileError for other variables.
         """
@@ -115,14 +115,14 @@ class Variable(NamedTuple):
         return by_name
 
     def lists(self) -> tuple[Int, Int]:
-        """Return a cell array of integer lists as offsets and values.
+        """Return a cell array of integer vectors as CSR: offsets and concatenated values.
 
         Raises FileError if damaged.
         """
         return gather_lists(self.words, self.order, self._children(), self.name)
 
     def nested_lists(self) -> tuple[Int, Int, Int]:
-        """Return nested cell arrays of lists as cell offsets, loop offsets and values.
+        """Return a cell array of cell arrays of integer vectors as nested CSR: two offset arrays and values.
 
         Raises FileError if damaged.
         """
@@ -145,7 +145,7 @@ class Variable(NamedTuple):
         return frozen_int(cell_offsets), loop_offsets, values
 
     def _children(self) -> Int:
-        """Return the first row of each cell in a cell array."""
+        """Return the first row of each entry of a cell array."""
         if not self.is_cell:
             raise FileError(f"{self.name} is not a cell array")
         count = int(np.prod(self.shape, dtype=object))
@@ -179,11 +179,11 @@ def variables(content: bytes) -> dict[str, Variable]:
 
 
 class _Other(Exception):
-    """Variable of an unsupported class."""
+    """Exception for a variable of an unsupported MATLAB class."""
 
 
 def _elements(content: bytes, order: Literal["<", ">"]) -> Iterator[NDArray[Any]]:
-    """Yield each variable as rows of eight bytes, inflated."""
+    """Yield the uncompressed bytes of each variable, as rows of eight bytes."""
     place, free_bytes = 128, _ROOM + _EXPANSION * len(content)
     while place < len(content):
         if len(content) - place < 8:
@@ -205,14 +205,14 @@ def _elements(content: bytes, order: Literal["<", ">"]) -> Iterator[NDArray[Any]
 
 
 def _rows(data: bytes, order: Literal["<", ">"], place: int, size: int) -> NDArray[Any]:
-    """Return bytes as rows of eight, with the last row padded."""
+    """View bytes as rows of two 32-bit integers, with the last row padded by zeros."""
     if size % 8:
         data, place = data[place : place + size].ljust(-(-size // 8) * 8, b"\0"), 0
     return np.frombuffer(data, f"{order}i4", -(-size // 8) * 2, place).reshape(-1, 2)
 
 
 def _inflate_variable(data: bytes, order: str, max_bytes: int) -> bytes:
-    """Inflate a compressed variable to its declared size."""
+    """Decompress a variable to the size that it declares."""
     codec = zlib.decompressobj()
     try:
         head = codec.decompress(data, 8)
@@ -230,7 +230,7 @@ def _inflate_variable(data: bytes, order: str, max_bytes: int) -> bytes:
 
 
 def _element(words: NDArray[Any], row: int, stop: int, name: str) -> tuple[int, int, int]:
-    """Return type, first data byte and size of the element at a row."""
+    """Return data type, offset of the data in bytes, and data size for the element that starts at a row."""
     if row >= stop:
         raise FileError(f"{name} is truncated")
     kind, size = (int(word) for word in words[row])
@@ -244,13 +244,13 @@ def _element(words: NDArray[Any], row: int, stop: int, name: str) -> tuple[int, 
 
 
 def _next_row(words: NDArray[Any], row: int) -> int:
-    """Return the row after the element at ``row``."""
+    """Return the index of the row after the element that starts at ``row``."""
     kind, size = (int(word) for word in words[row])
     return row + 1 if kind >> 16 else row + 1 + -(-size // 8)
 
 
 def _matrix(words: NDArray[Any], order: str, row: int, name: str) -> Variable:
-    """Parse the matrix at a row."""
+    """Parse the variable that starts at a row: class, dimensions, name."""
     kind, place, size = _element(words, row, len(words), name or "a variable")
     stop = (place + size) // 8
     if kind != MATRIX or size < 8:

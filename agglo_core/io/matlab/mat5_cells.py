@@ -1,4 +1,4 @@
-"""Decode the cells of MATLAB cell arrays together: nameless matrices in sequence."""
+"""Decode all entries of a MATLAB cell array together: they are consecutive matrices without names."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ INSIDE = 5
 
 
 def matrix_ends(window: NDArray[Any]) -> Int:
-    """Return the end of the matrix that would begin at each row of a window."""
+    """Return for each row of a window the end of the matrix that would start there."""
     size = window[:, 1].astype(np.int64)
     fits = (window[:, 0] == MATRIX) & (size >= 0)
     return frozen_int(np.where(fits, np.arange(1, len(window) + 1) + (size + 7) // 8, 1 << 60))
 
 
 def matrix_heads(words: NDArray[Any], starts: Int, name: str) -> tuple[Int, Int, Int]:
-    """Return content row, class and entry count for nameless matrices."""
+    """Return first data row, MATLAB class and number of entries of matrices without names."""
     empty = words[starts, 1] == 0
     rows = np.minimum(starts, len(words) - 1 - INSIDE)
     # A plain header: flags of 8 bytes, two dimensions, no name.
@@ -50,7 +50,7 @@ def matrix_heads(words: NDArray[Any], starts: Int, name: str) -> tuple[Int, Int,
 
 
 def gather_lists(words: NDArray[Any], order: str, starts: Int, name: str) -> tuple[Int, Int]:
-    """Return the integers of consecutive nameless matrices as offsets and values."""
+    """Return the integers in consecutive matrices without names as CSR: offsets and values."""
     if not len(starts):
         return frozen_int([0]), frozen_int([])
     rows, kinds, counts = matrix_heads(words, starts, name)
@@ -85,7 +85,7 @@ def gather_lists(words: NDArray[Any], order: str, starts: Int, name: str) -> tup
 
 
 def whole_values(values: NDArray[Any], name: str) -> Int:
-    """Convert numbers to integers.
+    """Convert numbers without a fractional part to integers.
 
     Raises FileError for other values.
     """

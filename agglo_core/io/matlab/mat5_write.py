@@ -1,4 +1,4 @@
-"""Create variables of MATLAB level 5 files in bulk: numbers, structs, cell arrays of lists."""
+"""Create the bytes of MATLAB variables: numeric matrices, structs, and cell arrays of vectors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LEVEL = 1  # zlib level: higher levels take twice the time and save a few per c
 
 
 def write_variables(path: Path, variables: Iterable[bytes], *, compress: bool) -> None:
-    """Write matrices, created by the functions of this module, to a file.
+    """Write a MATLAB file with variables created by the functions of this module.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def write_variables(path: Path, variables: Iterable[bytes], *, compress: bool) -
 
 
 def numbers(name: str, values: ArrayLike) -> bytes:
-    """Create a matrix of doubles.
+    """Return the bytes of a numeric MATLAB variable, of class double where possible.
 
     Integers are stored in 32 bits if they fit, as MATLAB does.
     """
@@ -65,19 +65,19 @@ def numbers(name: str, values: ArrayLike) -> bytes:
 
 
 def structure(name: str, fields: Mapping[str, bytes]) -> bytes:
-    """Create a struct from nameless matrices."""
+    """Return the bytes of a MATLAB struct, given the fields as matrices without names."""
     names = b"".join(field.encode("ascii").ljust(32, b"\0") for field in fields)
     head = struct.pack("<HHi", 5, 4, 32) + _element(1, names)
     return _matrix(name, _STRUCT, (1, 1), head + b"".join(fields.values()))
 
 
 def cell_array(name: str, shape: tuple[int, int], cells: Words) -> bytes:
-    """Create a cell array from the result of :func:`lists`, :func:`matrices` or :func:`nested_lists`."""
+    """Return the bytes of a cell array from the result of ``lists``, ``matrices`` or ``nested_lists``."""
     return _matrix(name, _CELL, shape, cells.tobytes())
 
 
 def lists(offsets: Int, values: Int) -> Words:
-    """Create an integer row vector for each CSR row."""
+    """Convert each row of a CSR to an integer row vector, an entry of a cell array."""
     sizes = np.diff(offsets)
     words, starts = _blank(sizes, (sizes + 1) // 2, 5, 4 * sizes)
     words[starts + 4, 0] = 1
@@ -88,7 +88,7 @@ def lists(offsets: Int, values: Int) -> Words:
 
 
 def matrices(offsets: Int, rows: Float) -> Words:
-    """Create a two-column matrix for each CSR row, from ``rows[offsets[i]:offsets[i + 1]]``."""
+    """Convert ``rows[offsets[i]:offsets[i + 1]]`` for each i to a two-column matrix."""
     sizes = np.diff(offsets)
     words, starts = _blank(sizes, 2 * sizes, 9, 16 * sizes)
     words[starts + 4, 0] = sizes
@@ -101,7 +101,7 @@ def matrices(offsets: Int, rows: Float) -> Words:
 
 
 def nested_lists(cell_offsets: Int, loop_offsets: Int, values: Int) -> Words:
-    """Create a column with row vectors for each nested CSR cell."""
+    """Convert each cell of a nested CSR to a cell array of row vectors."""
     inner = lists(loop_offsets, values)
     rows = np.concatenate(([0], np.cumsum(1 + _HEAD + (np.diff(loop_offsets) + 1) // 2)))[cell_offsets]
     starts = rows[:-1] + _HEAD * np.arange(len(rows) - 1)
@@ -117,7 +117,7 @@ def nested_lists(cell_offsets: Int, loop_offsets: Int, values: Int) -> Words:
 
 
 def _blank(sizes: Int, data_rows: Int, kind: int, data_bytes: Int) -> tuple[Words, Int]:
-    """Create double matrices without dimensions and data.
+    """Allocate consecutive matrices of class double, without dimensions and data.
 
     Return them and their first rows.
     """
@@ -131,7 +131,7 @@ def _blank(sizes: Int, data_rows: Int, kind: int, data_bytes: Int) -> tuple[Word
 
 
 def _fill_heads(words: Words, starts: Int, kind: int, lengths: Int) -> None:
-    """Fill in tag, flags, and the tags of dimensions and name."""
+    """Fill in the headers of consecutive matrices, except their dimensions."""
     words[starts, 0] = _MATRIX
     words[starts, 1] = 8 * (lengths - 1)
     words[starts + 1] = (6, 8)

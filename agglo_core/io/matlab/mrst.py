@@ -1,4 +1,4 @@
-"""Convert MRST's grid structure G (faces with nodes and neighbours) and its coarse grids CG."""
+"""Convert the mesh structures of the MATLAB package MRST: grids G and coarse grids CG."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from agglo_core.mesh.elements import gather
 
 
 def mesh_of_grid(grid: Variable) -> Mesh:
-    """Build a mesh from a structure G, face by face.
+    """Build a mesh from MRST's grid structure G, face by face.
 
     Drop points without a face.
 
@@ -73,7 +73,7 @@ def _fields(parts: Mapping[str, Variable], name: str, names: tuple[str, ...]) ->
 
 
 def _reverse_loops(offsets: Int, vertices: Int, mask: Int) -> Int:
-    """Reverse the vertices of the faces marked in ``mask``."""
+    """Reverse the vertex order of the faces marked in ``mask``."""
     sizes = np.diff(offsets)
     place = np.arange(len(vertices))
     mirrored = np.repeat(offsets[:-1] + offsets[1:] - 1, sizes) - place
@@ -81,7 +81,7 @@ def _reverse_loops(offsets: Int, vertices: Int, mask: Int) -> Int:
 
 
 def grid_structure(mesh: Mesh) -> bytes:
-    """Return the structure G as a MATLAB matrix, without the fields from ``computeGeometry``."""
+    """Return a mesh as MRST's structure G, without the fields that ``computeGeometry`` adds."""
     points, number = used_points(mesh)
     vertices = mesh.face_vertices if number is None else frozen_int(number[mesh.face_vertices])
     cell_offsets, faces = mesh.cell_faces
@@ -113,7 +113,7 @@ def grid_structure(mesh: Mesh) -> bytes:
 
 
 def coarse_structure(name: str, mesh: Mesh, labels: Int) -> bytes:
-    """Build the coarse grid of a partition with the fields from ``generateCoarseGrid`` except ``parent``.
+    """Return a labelling as MRST's coarse grid, with the fields of ``generateCoarseGrid`` except ``parent``.
 
     A coarse face consists of all mesh faces between the same two blocks, or between a block and the outside
     (block 0). The faces of coarse face i are ``fconn(connPos(i) : connPos(i + 1) - 1)``.

@@ -1,4 +1,4 @@
-"""Read meshes from MATLAB variables: lymph's struct, points and cells of mVEM and others, MRST's grid."""
+"""Read meshes from the MATLAB variables of lymph, mVEM, PolyMesher and MRST."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: 
 
 
 def _region(fields: Mapping[str, Variable]) -> _Cells:
-    """Read lymph's struct ``region``."""
+    """Read the cells in lymph's struct ``region``."""
     for name in ("coord", "connectivity"):
         if name not in fields:
             raise FileError(f"region has no field {name!r}; it has {', '.join(fields) or 'none'}")
@@ -106,7 +106,7 @@ def _region(fields: Mapping[str, Variable]) -> _Cells:
 
 
 def _lists(contents: Mapping[str, Variable]) -> _Cells:
-    """Read points and cells under the variable names of known programs."""
+    """Read points and cells from a pair of variables such as ``node`` and ``elem``."""
     names = next((pair for pair in _PAIRS if pair[0] in contents and pair[1] in contents), None)
     if names is None:
         expected = (
@@ -134,7 +134,7 @@ def _points(variable: Variable) -> Float:
 
 
 def _rows(variable: Variable) -> tuple[Int, Int]:
-    """Read cells as array rows.
+    """Read the vertices of each cell from the rows of a matrix.
 
     Short rows end with NaN or zeros.
     """
@@ -154,7 +154,7 @@ def _rows(variable: Variable) -> tuple[Int, Int]:
 
 
 def _elements(variable: Variable, n_points: int) -> Polyhedra:
-    """Read tetrahedra or hexahedra as array rows."""
+    """Read tetrahedra or hexahedra from the rows of a matrix."""
     kinds = {4: "tetra", 8: "hexahedron"}
     rows = _number_from_zero(_rows(variable), n_points, variable.name)[1]
     width = variable.shape[1]
@@ -166,7 +166,7 @@ def _elements(variable: Variable, n_points: int) -> Polyhedra:
 
 
 def _number_from_zero(lists: tuple[Int, Int], n_points: int, name: str) -> tuple[Int, Int]:
-    """Check the point numbers and shift them to start from 0."""
+    """Check the point numbers of a file, which start from 1, and shift them to start from 0."""
     offsets, values = lists
     if values.min(initial=1) < 1 or values.max(initial=1) > n_points:
         wrong = int(np.argmax((values < 1) | (values > n_points)))
@@ -178,7 +178,7 @@ def _number_from_zero(lists: tuple[Int, Int], n_points: int, name: str) -> tuple
 
 
 def _tags(contents: Mapping[str, Variable], count: int) -> dict[str, Int]:
-    """Read variables with an integer per cell as tags.
+    """Convert variables with one integer per cell to tags.
 
     Level numbers start from 1 in MATLAB.
     """
@@ -198,12 +198,12 @@ def _tags(contents: Mapping[str, Variable], count: int) -> dict[str, Int]:
 
 
 def _is_list(variable: Variable, count: int) -> bool:
-    """Return True for a row or column with one number per cell, for several cells."""
+    """Return True for a row or column vector with one number per cell, if there are several cells."""
     return count > 1 and sorted(variable.shape) == [1] * (len(variable.shape) - 1) + [count]
 
 
 def _own_names(variable: Variable) -> dict[str, str]:
-    """Read agglo's tag name table, by variable."""
+    """Read agglo's table of tag names, a mapping from variable to tag."""
     try:
         names = json.loads(bytes(variable.integers().astype(np.uint8)))
     except (ValueError, RecursionError):
@@ -214,7 +214,7 @@ def _own_names(variable: Variable) -> dict[str, str]:
 
 
 def _add_boundary_tags(mesh: Mesh, points: Float, fields: Mapping[str, Variable]) -> Mesh:
-    """Add lymph's tags of outer edges as the face tag ``bc_tag``."""
+    """Add lymph's boundary edge tags to the mesh as the face tag ``bc_tag``."""
     if "connectivity_bc" not in fields or "bc_tag" not in fields:
         return mesh
     ends, values = fields["connectivity_bc"], fields["bc_tag"].integers()
@@ -228,7 +228,7 @@ def _add_boundary_tags(mesh: Mesh, points: Float, fields: Mapping[str, Variable]
 
 
 def _tag_outer_edges(mesh: Mesh, points: Float, pairs: Int, values: Int) -> Int:
-    """Return a tag ``(n_faces,)`` of the outer edges in 2-D, −1 on all other edges.
+    """Return a face tag ``(n_faces,)`` with given values on boundary edges, −1 on all other edges.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Write meshes as MATLAB variables: mVEM's, MRST's and, in 2-D, the structs of lymph."""
+"""Write meshes as MATLAB variables in the layouts of mVEM, MRST and, in 2-D, lymph."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int], *, compress: bool) -
 
 
 def _coarse_grids(mesh: Mesh, tags: Mapping[str, Int]) -> Iterator[bytes]:
-    """Yield MRST's coarse grid of each level, ``CG_0``, ``CG_1``, …."""
+    """Yield the levels as MRST's coarse grids ``CG_0``, ``CG_1``, …."""
     for name, labels in tags.items():
         if is_level(name) and labels.min() == 0 and np.bincount(labels).all():
             yield coarse_structure(f"CG_{name.removeprefix('level_')}", mesh, labels)
@@ -93,7 +93,10 @@ def _plane(mesh: Mesh, tags: Mapping[str, Int]) -> Iterator[bytes]:
 
 
 def _region(mesh: Mesh, loops: Loops, tags: Mapping[str, Int]) -> dict[str, bytes]:
-    """Return the fields of lymph's struct except ``max_kb``, which ``MakePolygonProperties`` computes."""
+    """Return the fields of lymph's struct ``region``, except ``max_kb``.
+
+    lymph's function ``MakePolygonProperties`` computes ``max_kb``.
+    """
     n, starts = mesh.n_cells, loops.offsets[:-1]
     corners = loops.points[loops.vertices]
     box = [bound.reduceat(x, starts) for x in corners.T for bound in (np.minimum, np.maximum)]
@@ -113,7 +116,7 @@ def _region(mesh: Mesh, loops: Loops, tags: Mapping[str, Int]) -> dict[str, byte
 
 
 def _boundary(mesh: Mesh, loops: Loops) -> tuple[Int, Int]:
-    """Return the outer edges by their points, and their tags for lymph."""
+    """Return the end points of the boundary edges ``(k, 2)``, and lymph's tags of these edges ``(k,)``."""
     outer = np.flatnonzero(mesh.face_cells[:, 1] < 0)
     number = np.cumsum(np.bincount(mesh.face_vertices, minlength=mesh.n_points) > 0) - 1
     tag = mesh.face_tags.get("bc_tag", np.full(mesh.n_faces, _OUTSIDE))[outer]
@@ -121,7 +124,7 @@ def _boundary(mesh: Mesh, loops: Loops) -> tuple[Int, Int]:
 
 
 def _neighbours(loops: Loops) -> tuple[Int, Int]:
-    """Return for each edge of each cell the adjacent cell and its local edge number, from 1.
+    """Return for each edge of each cell the adjacent cell and the edge's number in that cell, from 1.
 
     The entries are −1 outside.
     """
@@ -141,7 +144,7 @@ def _neighbours(loops: Loops) -> tuple[Int, Int]:
 
 
 def _tags(tags: Mapping[str, Int]) -> Iterator[bytes]:
-    """Yield a variable per tag.
+    """Yield each tag as a MATLAB variable, then the table of tag names.
 
     Names that are invalid in MATLAB are replaced.
     """

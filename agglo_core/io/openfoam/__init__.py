@@ -1,1 +1,1 @@
-"""Read and write OpenFOAM cases, whole or decomposed into processors."""
+"""Read and write the meshes of OpenFOAM cases, whole or decomposed among processors."""

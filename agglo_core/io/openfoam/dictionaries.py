@@ -1,4 +1,4 @@
-"""Parse the dictionaries in OpenFOAM files: comments, strings, nested dictionaries and lists."""
+"""Parse the dictionary syntax of OpenFOAM files: comments, strings, nested dictionaries and lists."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _LABELS = re.compile(rb"((?:[-+\d\s]++|%b)*+)\)" % COMMENT)
 
 
 class FoamParser:
-    """Cursor in the content of a file.
+    """Parser with a current position in the content of an OpenFOAM file.
 
     Each method advances past its result.
 
@@ -77,7 +77,7 @@ class FoamParser:
         return word
 
     def table(self) -> Table:
-        """Return the entries of a dictionary after its ``{``.
+        """Parse a dictionary whose opening brace has been read, up to its closing brace.
 
         For repeated keywords the last is kept.
         """
@@ -95,7 +95,7 @@ class FoamParser:
         return entries
 
     def named_tables(self) -> Iterator[tuple[str, Table]]:
-        """Yield names and dictionaries of a list ``n ( name {…} … )``.
+        """Yield the names and dictionaries in a list ``n ( name {…} … )``.
 
         ``0`` may stand for an empty list.
         """
@@ -119,7 +119,7 @@ class FoamParser:
             raise FileError(f"{self._name}: {declared} entries are declared, but {count} follow")
 
     def _value(self) -> Any:
-        """Return a nested dictionary, or the parts of a value up to its semicolon."""
+        """Parse the value of a key: a nested dictionary, or the items before the next semicolon."""
         word = self.token()
         if word == b"{":
             return self.table()
@@ -148,7 +148,7 @@ class FoamParser:
         return word
 
     def _list(self, declared: int | None = None) -> Any:
-        """Return a label array or a list of other parts, after the opening bracket."""
+        """Parse a list whose opening bracket has been read, as an array if it holds only integers."""
         match = _LABELS.match(self._content, self.place)
         if match is not None:
             labels = integers(re.sub(COMMENT, b" ", match[1]))
@@ -174,7 +174,7 @@ class FoamParser:
         return frozen_int(np.full(count, int(word)))
 
     def _binary_labels(self) -> Int:
-        """Return the labels of ``n (…)``, or of ``0``."""
+        """Return the integers of a binary list ``n (…)``, or of the empty list ``0``."""
         word = self.token()
         if not _COUNT.fullmatch(word):
             raise self._expected("the number of labels", word)
@@ -210,19 +210,19 @@ class FoamParser:
 
 
 def word_in(table: Table, key: str) -> str:
-    """Return an entry with a single word or string, or an empty string."""
+    """Return the value of a key if it is a single word or string, otherwise an empty string."""
     value = table.get(key)
     return _text(value[0]) if isinstance(value, list) and len(value) == 1 and _is_word(value[0]) else ""
 
 
 def number_in(table: Table, key: str) -> int:
-    """Return an entry with a single non-negative integer, or −1."""
+    """Return the value of a key if it is a single non-negative integer, otherwise −1."""
     word = word_in(table, key).encode()
     return int(word) if _COUNT.fullmatch(word) else -1
 
 
 def labels_in(table: Table, key: str) -> Int | None:
-    """Return an entry with a single list of labels, or None.
+    """Return the value of a key if it is a single list of integers, otherwise None.
 
     ``0`` is the empty list.
     """
@@ -249,6 +249,6 @@ def _trim_brackets(word: bytes) -> bytes:
 
 
 def _text(word: bytes) -> str:
-    """Return a word, or the content of a quoted string."""
+    """Decode a word, or the content of a quoted string."""
     content = re.sub(rb"\\(.)", rb"\1", word[1:-1]) if word[:1] == b'"' and len(word) > 1 else word
     return content.decode("utf-8", "replace")

@@ -1,4 +1,4 @@
-"""Read lists from OpenFOAM files: text or binary, optionally gzipped, with 32- or 64-bit numbers."""
+"""Read OpenFOAM list files: text or binary, optionally gzipped, with 32- or 64-bit numbers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ROOM, _EXPANSION = 1 << 26, 40  # bytes allowed after inflation: fixed, and per
 
 
 class FoamFile(NamedTuple):
-    """A file with a parsed header."""
+    """Content of an OpenFOAM file, and the number formats that its header declares."""
 
     name: str
     content: bytes
@@ -35,12 +35,12 @@ class FoamFile(NamedTuple):
 
 
 def has_foam(folder: Path, name: str) -> bool:
-    """Return True if a folder has a file with this name, gzipped or not."""
+    """Return True if a folder has a file with this name, plain or gzipped."""
     return (folder / name).is_file() or (folder / f"{name}.gz").is_file()
 
 
 def open_foam(folder: Path, name: str) -> FoamFile:
-    """Read a file, plain or gzipped, and its header.
+    """Read an OpenFOAM file, plain or gzipped, and parse its header.
 
     Raises FileError if missing or invalid.
     """
@@ -66,7 +66,7 @@ def open_foam(folder: Path, name: str) -> FoamFile:
 
 
 def parser_of(file: FoamFile, most: int) -> FoamParser:
-    """Return a parser for the text after the header.
+    """Return a parser placed after the file header.
 
     ``most`` bounds lists of equal labels.
     """
@@ -74,7 +74,7 @@ def parser_of(file: FoamFile, most: int) -> FoamParser:
 
 
 def points_of(file: FoamFile) -> Float:
-    """Read points ``(n, 3)``.
+    """Read the coordinates ``(n, 3)`` in a point file.
 
     Raises FileError if damaged.
     """
@@ -89,7 +89,7 @@ def points_of(file: FoamFile) -> Float:
 
 
 def labels_of(file: FoamFile, most: int) -> Int:
-    """Read the labels in a file.
+    """Read the integers (OpenFOAM's labels) in a list file.
 
     Raises FileError if damaged.
 
@@ -113,7 +113,7 @@ def labels_of(file: FoamFile, most: int) -> Int:
 
 
 def faces_of(file: FoamFile) -> tuple[Int, Int]:
-    """Read faces as offsets and points.
+    """Read the vertices of all faces as CSR: offsets and point numbers.
 
     Raises FileError if damaged.
     """
@@ -139,7 +139,7 @@ def faces_of(file: FoamFile) -> tuple[Int, Int]:
 
 
 def _read_list_head(file: FoamFile, place: int, most: int | None = None) -> tuple[int, int, bytes]:
-    """Return length, position after the bracket, and bracket of a list.
+    """Return the length of a list, the offset of its first byte, and its opening bracket.
 
     An empty list may lack the bracket.
     """
@@ -153,7 +153,7 @@ def _read_list_head(file: FoamFile, place: int, most: int | None = None) -> tupl
 
 
 def _raw(file: FoamFile, start: int, n: int, kind: str) -> tuple[Float | Int, int]:
-    """Read n binary values.
+    """Read n binary numbers and the closing bracket.
 
     Return them and the position after the closing bracket.
     """
@@ -168,7 +168,7 @@ def _raw(file: FoamFile, start: int, n: int, kind: str) -> tuple[Float | Int, in
 
 
 def _text(file: FoamFile, start: int, stop: int | None = None) -> tuple[bytes, int, int]:
-    """Return the numbers of a text list as content, start and end, without brackets and comments."""
+    """Blank out brackets and comments of a text list, and return it with start and end of its numbers."""
     text = file.content[start : stop if stop is not None and stop >= 0 else None]
     slash = text.find(b"/")
     if slash >= 0:
@@ -181,7 +181,7 @@ def _text(file: FoamFile, start: int, stop: int | None = None) -> tuple[bytes, i
 
 
 def _inflate_file(data: bytes, name: str) -> bytes:
-    """Inflate a gzipped file, with a size limit in proportion to the compressed size."""
+    """Decompress a gzipped file, up to a multiple of its compressed size."""
     free_bytes, parts = _ROOM + _EXPANSION * len(data), []
     try:
         while data:

@@ -1,4 +1,4 @@
-"""OpenFOAM cases as a format: folders, often marked by an empty file."""
+"""File format for OpenFOAM cases, which are folders, often marked by an empty file."""
 
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ class OpenFoam(Compressing):
         super().__init__(merge_points, allow_gaps, compress)
 
     def recognises_folder(self, folder: Path) -> bool:
-        """Return True for the folder of a case, for ``constant``, and for ``polyMesh``."""
+        """Return True for the folder of a case and for its subfolders ``constant`` and ``polyMesh``."""
         return is_foam_folder(folder)
 
     def read(self, path: Path) -> Mesh:
-        """Read the mesh of a case.
+        """Read the mesh of an OpenFOAM case.
 
         Raises FileError or MeshError.
         """
         return read_foam(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write a 3-D mesh and the labels of its levels as a case.
+        """Write a 3-D mesh and the labels of its levels as an OpenFOAM case.
 
         Raises an AggloError.
         """

@@ -1,4 +1,4 @@
-"""Read the arrays of an OpenFOAM ``polyMesh`` with checked indices."""
+"""Read the arrays in an OpenFOAM folder ``polyMesh`` and check their indices."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from agglo_core.mesh.elements import gather
 
 
 class FoamPart(NamedTuple):
-    """Arrays of one ``polyMesh``."""
+    """Mesh in one folder ``polyMesh``: the whole mesh, or the part on one processor."""
 
     points: Float  # (n_points, 3)
     offsets: Int  # (n_faces + 1,)
@@ -83,7 +83,7 @@ def _check_ranges(offsets: Int, vertices: Int, n_points: int, owner: Int, neighb
 
 
 def _faces_with_repeats(offsets: Int, vertices: Int) -> Int:
-    """Return the faces with a repeated point."""
+    """Return the indices of the faces that list a point twice."""
     sizes = np.diff(offsets)
     repeats = [np.empty(0, np.int64)]
     for size in np.unique(sizes).tolist():
@@ -101,7 +101,7 @@ def _faces_with_repeats(offsets: Int, vertices: Int) -> Int:
 
 
 def _unique_entries(file: str, parser: FoamParser) -> Iterator[tuple[str, Table]]:
-    """Yield the entries in a list of dictionaries.
+    """Yield the names and dictionaries in a list, and check that no name occurs twice.
 
     Duplicate names raise FileError.
     """
@@ -114,7 +114,7 @@ def _unique_entries(file: str, parser: FoamParser) -> Iterator[tuple[str, Table]
 
 
 def _add_patches(part: FoamPart, tables: Mapping[str, Table]) -> FoamPart:
-    """Add the faces of the patches, which must lie on the boundary."""
+    """Add the boundary patches, given by first face and number of faces, to the mesh."""
     patches, processors, whole = dict[str, Int](), dict[int, Int](), dict[str, str]()
     n_faces = len(part.sides)
     for name, table in tables.items():
@@ -135,7 +135,7 @@ def _add_patches(part: FoamPart, tables: Mapping[str, Table]) -> FoamPart:
 
 
 def _zones(poly: Path, n_cells: int) -> dict[str, Int]:
-    """Return the cells per cell zone by name."""
+    """Read the cell zones: the indices of the cells in each, by name."""
     zones: dict[str, Int] = {}
     if not has_foam(poly, "cellZones"):
         return zones

@@ -1,4 +1,4 @@
-"""Join the processor meshes of a decomposed OpenFOAM case."""
+"""Join the processor meshes of a decomposed OpenFOAM case to one mesh."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def read_processors(folders: Sequence[Path]) -> tuple[FoamPart, Int]:
 
 
 def _concatenate_parts(parts: Sequence[FoamPart]) -> FoamPart:
-    """Concatenate the arrays of all parts, without the patches between processors."""
+    """Concatenate the arrays of all processor meshes, without the patches between processors."""
     # Offsets of points, cells and faces in the joined numbering.
     first_point, first_cell = (
         _starts(counts) for counts in ([len(p.points) for p in parts], [p.n_cells for p in parts])
@@ -124,7 +124,7 @@ def _read_named(folder: Path) -> FoamPart:
 
 
 def _pairs(parts: Sequence[FoamPart]) -> tuple[Int, Int]:
-    """Return the faces between processors: those on the lower and on the higher processor."""
+    """Match the faces between processors, and return those on the lower and on the higher processor."""
     first_face = _first_faces(parts)
     lower_faces, upper_faces = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     for i, part in enumerate(parts):
@@ -141,7 +141,7 @@ def _pairs(parts: Sequence[FoamPart]) -> tuple[Int, Int]:
 
 
 def _merge_points(union: FoamPart, lower_faces: Int, upper_faces: Int) -> Int:
-    """Return new point numbers after the faces in each pair are merged.
+    """Merge the vertices of matching faces on different processors, and return new point numbers.
 
     Both loops begin at the same point and run in opposite directions.
     """
@@ -173,7 +173,7 @@ def _merge_points(union: FoamPart, lower_faces: Int, upper_faces: Int) -> Int:
 
 
 def _cell_numbers(folders: Sequence[Path], parts: Sequence[FoamPart]) -> Int:
-    """Return the number per cell in the joined mesh."""
+    """Return for each cell of the concatenated meshes its number in the joined mesh."""
     n = sum(part.n_cells for part in parts)
     polys = [folder / "constant" / "polyMesh" for folder in folders]
     if not all(has_foam(poly, "cellProcAddressing") for poly in polys):
@@ -185,7 +185,7 @@ def _cell_numbers(folders: Sequence[Path], parts: Sequence[FoamPart]) -> Int:
 
 
 def _join_groups(groups: Iterable[tuple[str, Int]]) -> dict[str, Int]:
-    """Concatenate groups with equal names."""
+    """Concatenate index groups of the same name."""
     members: dict[str, list[Int]] = {}
     for name, indices in groups:
         members.setdefault(name, []).append(indices)

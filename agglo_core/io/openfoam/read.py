@@ -42,7 +42,7 @@ def is_foam_folder(folder: Path) -> bool:
 
 
 def read_foam(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
-    """Read the mesh of a case.
+    """Read the mesh of an OpenFOAM case, whole or decomposed.
 
     Patches and cell zones become tags with their names.
 
@@ -84,7 +84,7 @@ def read_foam(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
 
 
 def _poly(path: Path) -> Path:
-    """Return the folder ``polyMesh`` for a path.
+    """Return the path of ``polyMesh`` for a path in or at an OpenFOAM case.
 
     It need not exist.
     """
@@ -119,7 +119,7 @@ def _processors(case: Path, poly: Path) -> list[Path]:
 
 
 def _mesh(part: FoamPart, name: str) -> Mesh:
-    """Build and check the mesh.
+    """Build a mesh from the arrays of ``polyMesh``, and check orientation and areas of its faces.
 
     Drop points without a face.
     """
@@ -140,7 +140,7 @@ def _mesh(part: FoamPart, name: str) -> Mesh:
 
 
 def _patch_tags(part: FoamPart) -> Iterator[tuple[str, Int]]:
-    """Yield name and tag of each patch: 1 on its faces, 0 on other patches, −1 elsewhere."""
+    """Yield a face tag per patch: 1 on its faces, 0 on other patches, −1 elsewhere."""
     template = np.full(len(part.sides), -1)
     for faces in part.patches.values():
         template[faces] = 0
@@ -152,14 +152,14 @@ def _patch_tags(part: FoamPart) -> Iterator[tuple[str, Int]]:
 
 
 def _indicator(cells: Int, n_cells: int) -> Int:
-    """Return a tag that is 1 in these cells and 0 elsewhere."""
+    """Return a cell tag that is 1 in the given cells and 0 elsewhere."""
     tag = np.zeros(n_cells, np.int64)
     tag[cells] = 1
     return frozen_int(tag)
 
 
 def _numbers(patches: Mapping[str, Int], mesh: Mesh) -> Int:
-    """Return each face's patch number, −1 outside all patches."""
+    """Return a face tag with the number of the patch, −1 on faces outside all patches."""
     number = np.full(mesh.n_faces, -1)
     for place, tag in enumerate(patches.values()):
         number[tag == 1] = place
@@ -167,7 +167,7 @@ def _numbers(patches: Mapping[str, Int], mesh: Mesh) -> Int:
 
 
 def _own_tags(folder: Path, n_cells: int) -> Iterator[tuple[str, Int]]:
-    """Yield the tags and levels that agglo wrote."""
+    """Yield name and values of the cell tags and levels that agglo has written beside the mesh."""
     for file in sorted(folder.iterdir()) if folder.is_dir() else ():
         if file.is_file() and not file.name.startswith("."):
             values = labels_of(open_foam(folder, file.name.removesuffix(".gz")), n_cells)

@@ -44,7 +44,7 @@ class _Faces(NamedTuple):
 
 
 def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress: bool) -> None:
-    """Write ``constant/polyMesh`` and the labels of all levels beside the file that marks the case.
+    """Write a mesh as an OpenFOAM case with the labels of all levels.
 
     ``constant/cellDecomposition`` holds the finest level in decomposePar's format, ``constant/agglo`` every
     level and tag, and ``0`` the levels as fields ``level0``, ``level1``, …. (A field ``level_0`` would hold
@@ -97,7 +97,7 @@ def _put(file: Path, text: str, compress: bool) -> None:
 
 
 def _remove_other_forms(folder: Path, files: Mapping[str, str], compress: bool, *, all_others: bool) -> None:
-    """Remove remains of an earlier mesh: the gzipped or plain twin of a file, and old tags."""
+    """Remove files of an earlier mesh: old tags, and gzipped copies of plain files or vice versa."""
     current_names = {f"{name}.gz" if compress else name for name in files}
     old_names = {name if compress else f"{name}.gz" for name in files}
     for file in sorted(folder.iterdir()) if folder.is_dir() else ():
@@ -106,7 +106,7 @@ def _remove_other_forms(folder: Path, files: Mapping[str, str], compress: bool, 
 
 
 def _poly(mesh: Mesh, faces: _Faces) -> dict[str, str]:
-    """Return the files of ``polyMesh`` as text."""
+    """Return the contents of the files in ``polyMesh`` as text, by file name."""
     points, number = used_points(mesh)
     # Reverse the faces whose owner changes.
     offsets, places = gather(mesh.face_offsets, faces.order)
@@ -136,7 +136,7 @@ def _poly(mesh: Mesh, faces: _Faces) -> dict[str, str]:
 
 
 def _zones(tags: Mapping[str, Int]) -> dict[str, str]:
-    """Return 0/1 tags as cell zones.
+    """Return the text of ``cellZones``, with a zone for each 0/1 tag.
 
     Tags that overlap an earlier zone are skipped.
     """
@@ -160,7 +160,7 @@ def _zones(tags: Mapping[str, Int]) -> dict[str, str]:
 
 
 def _remove_zones(folder: Path, kept: Collection[str]) -> None:
-    """Remove old zones of cells, faces and points, whose numbers are no longer valid."""
+    """Remove zone files of an earlier mesh, whose cell, face and point numbers are no longer valid."""
     for zones in sorted({"cellZones", "faceZones", "pointZones"} - set(kept)):
         for name in (zones, f"{zones}.gz"):
             if not (folder / name).is_file():
@@ -170,7 +170,7 @@ def _remove_zones(folder: Path, kept: Collection[str]) -> None:
 
 
 def _remove_fields(folder: Path, kept: Collection[str]) -> None:
-    """Remove the level fields of an earlier hierarchy, recognised by their note."""
+    """Remove the level fields of an earlier hierarchy, which agglo has marked by a note in the header."""
     for file in sorted(folder.glob("level*")) if folder.is_dir() else ():
         if file.name in kept or not file.is_file():
             continue
@@ -210,7 +210,7 @@ def _sort_faces(mesh: Mesh) -> _Faces:
 
 
 def _patches(mesh: Mesh, outer: Int) -> tuple[list[str], Int]:
-    """Return patch names, and a patch number per outer face.
+    """Group the boundary faces into patches: patch names, and the patch number of each face.
 
     A 0/1 tag is a patch with its name; for other tags each value is a patch ``TAG_VALUE``.
     """
@@ -238,7 +238,7 @@ def _labels(values: Int, place: str) -> str:
 
 
 def _field(name: str, labels: Int, patches: Mapping[str, tuple[int, int]]) -> str:
-    """Return labels as a scalar field."""
+    """Return the text of an OpenFOAM scalar field with the labels as values."""
     rows = "".join(f"    {patch}\n    {{\n        type zeroGradient;\n    }}\n" for patch in patches)
     return (
         _header("volScalarField", "0", name, _NOTE)

@@ -1,4 +1,4 @@
-"""Store cell tags and level labels as text that other programs ignore."""
+"""Store cell tags and level labels in text files, in lines that other programs ignore."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ROW = 16  # values per line
 
 
 def tag_lines(tags: Mapping[str, Int], prefix: str = "") -> str:
-    """Return for each tag a title ``cell data "NAME"``, the number of values, and the values.
+    """Return text with a title ``cell data "NAME"``, the number of values, and the values of each tag.
 
     ``prefix`` begins every line, so that other programs treat it as a comment.
     """
@@ -32,7 +32,7 @@ def tag_lines(tags: Mapping[str, Int], prefix: str = "") -> str:
 
 
 def find_tags(content: bytes, n_cells: int, prefix: str = "") -> dict[str, Int]:
-    """Read the tags written by :func:`tag_lines` from a text.
+    """Read the tags that :func:`tag_lines` has written into a text.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def find_tags(content: bytes, n_cells: int, prefix: str = "") -> dict[str, Int]:
 
 
 def tags_begin(content: bytes, prefix: str = "", start: int = 0) -> int:
-    """Return the position of the first cell data title in a text, or the end of the text."""
+    """Return the offset of the first line ``cell data "NAME"`` in a text, or the length of the text."""
     place = content.find(f'\n{prefix}{_TITLE} "'.encode(), max(start - 1, 0))
     return place + 1 if place >= 0 else len(content)
 

@@ -1,4 +1,4 @@
-"""Find the records in a number stream where each record states its length.
+"""Split a stream of numbers into records (lists of numbers), each of which states its own length.
 
 The start of a record depends on all records before it. The stream is processed in windows that fit into the
 processor cache. In each window the end of a record is computed for every possible start, and pointer doubling
@@ -21,7 +21,7 @@ _NEVER = 1 << 60  # end of a record with an invalid length
 
 
 def locate_lists(stream: Int, n: int, ahead: int = 0, behind: int = 0) -> tuple[Int, Int, int]:
-    """Locate the lists ``k, v1, …, vk`` in a stream.
+    """Locate consecutive lists ``k, v1, …, vk`` in a stream of integers.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def locate_lists(stream: Int, n: int, ahead: int = 0, behind: int = 0) -> tuple[
 
 
 def locate_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]:
-    """Locate nested lists: ``f``, then f lists ``k, v1, …, vk``.
+    """Locate consecutive nested lists in a stream: ``f``, then f lists ``k, v1, …, vk``.
 
     Each f and k follows ``ahead`` other values.
 
@@ -93,7 +93,7 @@ def locate_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]:
 
 
 def record_starts(stream: NDArray[Any], n: int, ends: Callable[[NDArray[Any]], Int]) -> tuple[Int, int]:
-    """Return the starts of n records, and the end of the last record.
+    """Return the start indices of n consecutive records in a stream, and the end of the last record.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def record_starts(stream: NDArray[Any], n: int, ends: Callable[[NDArray[Any]], I
 
 
 def _chain(ends: Int, size: int, most: int) -> tuple[Int, int]:
-    """Return the starts of consecutive records that end in a window, and the end of the last one.
+    """Return the starts of consecutive records that end in a window, and the end of the last record.
 
     ``ends[i]`` is the end of a record that would start at i; ``size + 1`` marks a record that does not end
     here. Both ends are fixed points of the iteration.
@@ -159,7 +159,7 @@ def _list_ends(window: Int, n_before: int, n_after: int = 0) -> Int:
 
 
 def _solid_ends(window: Int, n_before: int) -> Int:
-    """Return the end of each possible cell by stepping over its lists, in powers of two."""
+    """Return for each index of a window the end of the nested list that would start there."""
     size = len(window)
     step = np.concatenate((np.minimum(_list_ends(window, n_before), size + 1), [size + 1, size + 1]))
     place = np.full(size, size + 1)

@@ -1,4 +1,4 @@
-"""Read and write FVCA benchmark meshes: titles, each followed by a count and its rows.
+"""Read and write FVCA benchmark meshes: sections, each with a title, a row count and rows.
 
 ``.typ2`` lists the points under ``Vertices`` and all cells under ``cells`` or ``Control volumes``, each with
 its number of points. ``.typ1`` has a title for each cell type. Points are numbered from 1.
@@ -36,7 +36,7 @@ _OTHERS = ("centers", "centres", "edges of the boundary", "all edges", "boundary
 
 
 class _Section(NamedTuple):
-    """Rows under a title."""
+    """A section of a file: title, line number, and offsets of its rows."""
 
     title: str
     line: int
@@ -87,7 +87,7 @@ class Fvca(Reading):
 
 
 def _parse_file(content: bytes) -> tuple[Float, tuple[Int, Int], dict[str, Int]]:
-    """Return points, cells as a CSR, and tags."""
+    """Return the points, the vertices of all cells as CSR, and the cell tags."""
     sections = _sections(content)
     points = _points(content, sections)
     parts = [part for section in sections if (part := _cells(content, section, len(points))) is not None]
@@ -103,7 +103,7 @@ def _parse_file(content: bytes) -> tuple[Float, tuple[Int, Int], dict[str, Int]]
 
 
 def _sections(content: bytes) -> list[_Section]:
-    """Return all titles with the range that follows, up to agglo's cell data."""
+    """Return all sections of a file, up to the cell data that agglo adds at the end."""
     end = tags_begin(content)
     titles: list[tuple[str, int, int, int]] = []  # title, line, start of the title, end of its line
     for start, stop in _wordy_lines(content[:end]):
@@ -122,7 +122,7 @@ def _sections(content: bytes) -> list[_Section]:
 
 
 def _wordy_lines(content: bytes) -> Iterator[tuple[int, int]]:
-    """Yield start and end of the lines that contain a word with an initial letter."""
+    """Yield start and end of the lines that contain a word that begins with a letter."""
     codes = np.frombuffer(content, np.uint8)
     letters = np.flatnonzero(codes > ord("9"))
     begins = letters[(letters == 0) | (codes[letters - 1] <= ord(" "))]
@@ -135,7 +135,7 @@ def _wordy_lines(content: bytes) -> Iterator[tuple[int, int]]:
 
 
 def _points(content: bytes, sections: list[_Section]) -> Float:
-    """Read the points, which must be the first section of the file."""
+    """Read the points ``(n, 2)``, which must be the first section of the file."""
     if not sections or sections[0].title != "vertices" or not content.lstrip()[:8].isalpha():
         raise FileError("it does not begin with the title 'Vertices'")
     first = sections[0]
@@ -150,7 +150,7 @@ def _points(content: bytes, sections: list[_Section]) -> Float:
 
 
 def _cells(content: bytes, section: _Section, n_points: int) -> tuple[Int, Int] | None:
-    """Return offsets and vertices (from 0) of the cells in a section, or None for other sections."""
+    """Return the vertices of the cells in a section as CSR, or None if the section lists no cells."""
     if section.title not in (*_ALL_KINDS, *_KINDS):
         return None
     numbers = integers(content, section.start, section.stop)

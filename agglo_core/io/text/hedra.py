@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 
 class Hedra(Reading):
-    """Points, faces, and polyhedra as lists of faces, negative where a face is seen from inside."""
+    """Points, faces, and polyhedra as lists of face numbers, negative if a face is seen from inside."""
 
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Read a mesh.
+        """Read the mesh in a ``.hedra`` file.
 
         Cell data in agglo's own files become tags again.
 
@@ -81,7 +81,7 @@ class Hedra(Reading):
 
 
 def _lists(stream: Int, n: int, most: int, title: str, item: str) -> tuple[Int, Int, int]:
-    """Read lists of numbers from 1, without their signs, and shift them to start from 0."""
+    """Read lists of point or face numbers, drop their signs, and shift them to start from 0."""
     try:
         offsets, places, length = locate_lists(stream, n)
     except FileError as error:

@@ -1,4 +1,4 @@
-"""Read and write 2-D polygons as .off and .obj, with tags and labels as comments."""
+"""Read and write 2-D polygons as .off and .obj files, with tags and labels in comments."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _OFF = re.compile(rb"\s*(?:((?:ST)?C?N?)OFF)?\s+(?=\d)")
 
 
 class Off(Reading):
-    """OFF: points and polygons.
+    """OFF files: points and polygons.
 
     The coordinate z must be constant (2-D); surfaces are rejected.
     """
@@ -35,7 +35,7 @@ class Off(Reading):
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Read an OFF file, without normals, textures and colours.
+        """Read an OFF file and ignore normals, texture coordinates and colours.
 
         Raises
         ------
@@ -83,7 +83,7 @@ class Off(Reading):
 def _off_rows(
     numbers: Float, widths: Int, n_points: int, n_faces: int
 ) -> tuple[Float, tuple[Int, Int]] | None:
-    """Read points and faces from one line each, without additional values at the line ends.
+    """Read one point or face from each line, and ignore further numbers such as colours.
 
     Return None if the lines are broken differently.
     """
@@ -104,7 +104,7 @@ def _off_rows(
 
 
 def _off_stream(numbers: Float, n_points: int, n_faces: int) -> tuple[Float, tuple[Int, Int]]:
-    """Read points and faces from a stream with arbitrary line breaks and no other values."""
+    """Read points and faces from numbers with arbitrary line breaks, without colours or normals."""
     rows, face_numbers = numbers[: 3 * n_points], numbers[3 * n_points :]
     if len(rows) != 3 * n_points:
         raise FileError(f"{n_points} points are declared, but {len(rows)} coordinates follow")
@@ -116,13 +116,13 @@ def _off_stream(numbers: Float, n_points: int, n_faces: int) -> tuple[Float, tup
 
 
 def _whole(numbers: Float) -> Int:
-    """Convert numbers to integers, −1 for other values."""
+    """Convert numbers to integers, with −1 for those that are not integers."""
     whole = np.where(np.abs(numbers) < 2**53, numbers, -1).astype(np.int64)
     return frozen_int(np.where(whole == numbers, whole, -1))
 
 
 class Obj(Reading):
-    """Wavefront OBJ: points and polygons.
+    """Wavefront OBJ files: points and polygons.
 
     The coordinate z must be constant (2-D); surfaces are rejected.
     """
@@ -130,7 +130,7 @@ class Obj(Reading):
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Read an OBJ file, without normals, textures and groups.
+        """Read an OBJ file and ignore normals, texture coordinates and groups.
 
         Raises
         ------
@@ -172,7 +172,7 @@ class Obj(Reading):
 
 
 def _check_own_counts(content: bytes, n_points: int, n_faces: int) -> None:
-    """Reject truncated files of agglo.
+    """Reject files written by agglo that are truncated, by the counts in their first line.
 
     Files of other programs do not declare their size.
     """

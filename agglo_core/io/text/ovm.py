@@ -34,7 +34,7 @@ _COMMENT = "# "
 
 
 class _Section(NamedTuple):
-    """Section under a title: a count, then rows."""
+    """A section of a file: title, line number, and offsets of its rows."""
 
     title: str
     line: int
@@ -48,7 +48,7 @@ class Ovm(Reading):
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Read a mesh.
+        """Read the mesh in an ``.ovm`` file.
 
         Properties of other programs are ignored.
 
@@ -96,7 +96,7 @@ class Ovm(Reading):
 
 
 def _sections(content: bytes) -> dict[str, _Section]:
-    """Return the four sections of a file by title."""
+    """Return the sections with points, edges, faces and polyhedra, by title."""
     if content.split(maxsplit=2)[:2] != [b"OVM", b"ASCII"]:
         raise FileError("it does not begin with 'OVM ASCII'; binary OpenVolumeMesh files are not supported")
     first_property = _PROPERTY.search(content)
@@ -127,7 +127,7 @@ def _whole(content: bytes, section: _Section) -> tuple[int, Int]:
 
 
 def _edges(content: bytes, section: _Section, n_points: int) -> Int:
-    """Return the first point of each half-edge."""
+    """Read the edges and return the first point of each half-edge."""
     count, ends = _whole(content, section)
     if len(ends) != 2 * count:
         raise FileError(f"line {section.line}: {count} edges are declared, but {len(ends)} end points follow")
@@ -155,7 +155,7 @@ def _lists(content: bytes, section: _Section, most: int) -> tuple[Int, Int]:
 
 
 def _faces(content: bytes, section: _Section, first: Int) -> tuple[Int, Int]:
-    """Return the points of each face in the order of its half-edges."""
+    """Read the faces as lists of half-edges and convert these to lists of points."""
     offsets, halves = _lists(content, section, len(first))
     if (np.diff(offsets) < 3).any():
         raise FileError(

@@ -1,4 +1,4 @@
-"""Read and write PLY files, as text or binary, with 2-D meshes."""
+"""Read and write PLY files with 2-D meshes, as text or binary."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _LONGEST = 1 << 30  # bytes, bound on the length of a valid record
 
 
 class Property(NamedTuple):
-    """A number per row, or a list of numbers per row."""
+    """Declared column of a PLY element: a number or a list of numbers in each row."""
 
     name: str
     type: str  # of numpy, without the byte order
@@ -37,7 +37,7 @@ class Property(NamedTuple):
 
 
 class Element(NamedTuple):
-    """Rows of one element type."""
+    """Declared PLY element such as vertex or face: number of rows, and columns."""
 
     name: str
     n: int
@@ -45,7 +45,7 @@ class Element(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Contents of all rows of an element: numbers by name, and the lists as CSR."""
+    """Values of all rows of a PLY element: columns of numbers by name, and the lists as CSR."""
 
     values: Mapping[str, NDArray[Any]]
     listed: str
@@ -54,7 +54,7 @@ class Rows(NamedTuple):
 
 
 def read_elements(content: bytes, start: int, order: str, elements: list[Element]) -> dict[str, Rows]:
-    """Read all elements up to points and faces.
+    """Read the rows of all PLY elements up to the points and faces.
 
     ``order`` is the byte order, empty for text.
 
@@ -80,7 +80,7 @@ def read_elements(content: bytes, start: int, order: str, elements: list[Element
 
 
 def _split(element: Element) -> tuple[list[Property], list[Property], list[Property]]:
-    """Return the properties before the list, the list, and the properties after it."""
+    """Split the columns of an element into those before the list, the list, and those after it."""
     kinds = [bool(p.counted) for p in element.properties]
     place = kinds.index(True) if True in kinds else len(kinds)
     return element.properties[:place], element.properties[place : place + 1], element.properties[place + 1 :]
@@ -158,7 +158,7 @@ def _binary(data: NDArray[Any], order: str, element: Element) -> tuple[Rows, int
 
 
 def _read_at(data: NDArray[Any], places: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return values of a type at byte positions, integers as int64."""
+    """Decode values of a type at given byte offsets, integers as int64."""
     if not dtype.itemsize:
         return np.empty(len(places), dtype)
     items = data[places[:, None] + np.arange(dtype.itemsize)].view(dtype)[:, 0]
@@ -184,7 +184,7 @@ _COLOURS = ("red", "green", "blue", "alpha", "flags")
 
 
 class _Header(NamedTuple):
-    """Header of a file: byte order (empty for text), elements, and end position."""
+    """Header of a PLY file: byte order (empty for text), declared elements, and end of the header."""
 
     order: str
     elements: list[Element]
@@ -192,7 +192,7 @@ class _Header(NamedTuple):
 
 
 class Ply(Reading):
-    """PLY: points and polygons with integers per polygon, as text or binary.
+    """PLY files, text or binary: points and polygons, with integers per polygon.
 
     Surfaces are rejected.
     """

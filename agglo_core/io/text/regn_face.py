@@ -105,7 +105,7 @@ def _content(path: Path, suffix: str) -> bytes:
 
 
 def _head(content: bytes, file: Path) -> tuple[Int, bytes]:
-    """Return the numbers in the first line, and the text after it, without comments."""
+    """Split a file without its comments into the numbers in the first line and the remaining text."""
     text = re.sub(rb"#[^\n]*", b"", content).lstrip()
     line, _, body = text.partition(b"\n")
     try:
@@ -115,7 +115,7 @@ def _head(content: bytes, file: Path) -> tuple[Int, bytes]:
 
 
 def _points(content: bytes, file: Path) -> tuple[int, Float]:
-    """Return the number of the first point, and all points."""
+    """Read the points, and return also the number of the first (0 or 1)."""
     head, body = _head(content, file)
     if len(head) != 4 or head[1] not in (2, 3) or head.min() < 0:
         raise FileError(
@@ -140,7 +140,7 @@ def _points(content: bytes, file: Path) -> tuple[int, Float]:
 
 
 def _simplices(body: bytes, head: Int, first: int, points: Float, file: str) -> tuple[Soup, list[str]]:
-    """Return triangles or tetrahedra with their attributes, and the names of non-integer attributes."""
+    """Read triangles or tetrahedra, with integer attributes as tags and the names of skipped attributes."""
     n, width, n_attributes = head.tolist()
     dim = points.shape[1]
     if width not in (dim + 1, (dim + 1) * (dim + 2) // 2) or n_attributes < 0:

@@ -1,4 +1,4 @@
-"""Check that the shells of stored cells look outward, because other programs may have written the file."""
+"""Check the orientation of the faces in a file that stores a mesh face by face."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from agglo_core.mesh.geometry.solid_cells import face_moments
 
 
 def check_directions(mesh: Mesh) -> None:
-    """Raise FileError if a shell of a 3-D cell, such as a cavity, is oriented inward.
+    """Raise FileError if a boundary component of a 3-D cell, such as a cavity, is oriented inward.
 
     The arrays are already checked, so only cells with several shells can be wrong.
     """

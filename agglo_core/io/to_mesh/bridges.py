@@ -1,4 +1,4 @@
-"""Convert polygons with holes to single loops.
+"""Convert polygons with holes to single loops, joined by edges that are traversed twice.
 
 A bridge edge, traversed both ways, joins two boundary loops.
 """
@@ -14,7 +14,7 @@ from agglo_core.mesh import Mesh
 
 
 def single_loops(mesh: Mesh) -> tuple[Int, Int, Int]:
-    """Return a closed vertex loop per cell, counter-clockwise, with the same area as the cell.
+    """Return each cell as one closed loop of vertices, counter-clockwise, with the same area.
 
     Loops with a common vertex (a pinch) are joined there, others by a bridge between close vertices.
 
@@ -51,7 +51,7 @@ def single_loops(mesh: Mesh) -> tuple[Int, Int, Int]:
 
 
 class _Edges:
-    """Edges that cannot be bridges: mesh edges and bridges already in use."""
+    """Edges that cannot join two loops: mesh edges, and edges that already join others."""
 
     def __init__(self, mesh: Mesh) -> None:
         self._n = mesh.n_points
@@ -72,7 +72,7 @@ class _Edges:
 
 
 def _join(points: Float, parts: list[Int], edges: _Edges) -> Int | None:
-    """Join the loops into one, nearest first.
+    """Join the boundary loops of a cell into one loop, by short edges (Prim's algorithm).
 
     Return None if no bridge is free.
     """
@@ -104,7 +104,7 @@ def _join(points: Float, parts: list[Int], edges: _Edges) -> Int | None:
 
 
 def _nearest(points: Float, vertices: Int, loop: Int, edges: _Edges) -> tuple[Int, Float]:
-    """Return for each vertex in ``vertices`` the nearest admissible vertex in ``loop``, and its distance."""
+    """Return for each of ``vertices`` the nearest vertex in ``loop`` that an edge may join to it."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points[loop])

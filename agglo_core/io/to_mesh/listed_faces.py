@@ -1,4 +1,4 @@
-"""Match faces that a file lists by points with mesh faces, and transfer their tags."""
+"""Identify mesh faces that a file gives by their points, and transfer their tags to the mesh."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TAG = "agglo_face_tag "
 
 
 class ListedFaces(NamedTuple):
-    """Faces with an uncommon value in some tag, listed beside the mesh in agglo's own files."""
+    """Faces whose value of some tag is not the most common one, given by their points."""
 
     cells: Int  # (k,) smaller number of the adjacent cells
     offsets: Int  # (k + 1,)
@@ -33,7 +33,7 @@ def face_fields(
     cells: Int | None = None,
     usual: Mapping[str, int] | None = None,
 ) -> dict[str, Int]:
-    """Return the arrays that hold the face tags of a mesh.
+    """Return the arrays in which agglo's files store the face tags of a mesh, by name.
 
     The mapping is empty without tags.
 
@@ -84,7 +84,7 @@ def _smaller_cell(mesh: Mesh) -> Int:
 
 
 def _smaller_among(mesh: Mesh, cells: Int) -> Int:
-    """Return the smaller position in ``cells`` of the two cells at each face, −1 if neither is listed."""
+    """Return the smaller index in ``cells`` of the two cells at each face, −1 if neither is in it."""
     place = np.full(mesh.n_cells + 1, len(cells))  # the last entry stands for the outside
     place[cells] = np.arange(len(cells))
     smaller = place[mesh.face_cells].min(axis=1)
@@ -92,7 +92,7 @@ def _smaller_among(mesh: Mesh, cells: Int) -> Int:
 
 
 def parse_listed_faces(fields: Mapping[str, NDArray[Any]], n_points: int, n_cells: int) -> ListedFaces | None:
-    """Parse the arrays of :func:`face_fields`.
+    """Check the arrays of :func:`face_fields`, read from a file, and convert them to tagged faces.
 
     Return None if there are none.
 
@@ -123,7 +123,7 @@ def parse_listed_faces(fields: Mapping[str, NDArray[Any]], n_points: int, n_cell
 
 
 def join_listed_faces(listed: Sequence[ListedFaces | None], cells: Int, points: Int) -> ListedFaces | None:
-    """Join the listed faces of pieces, with offsets of cells and points.
+    """Concatenate the tagged faces of several files, given the first cell and point number of each.
 
     Return None if the pieces disagree.
 
@@ -148,7 +148,7 @@ def join_listed_faces(listed: Sequence[ListedFaces | None], cells: Int, points: 
 
 
 def tags_of_faces(mesh: Mesh, points: Float, listed: ListedFaces) -> dict[str, Int]:
-    """Return the tags ``(n_faces,)`` of faces listed by file points ``(n, d)``."""
+    """Return the face tags ``(n_faces,)`` of a mesh from tagged faces given by their points."""
     face = faces_with(mesh, points, listed.offsets, listed.vertices, listed.cells)
     matches = np.flatnonzero(face >= 0)
     tags = {}
@@ -160,7 +160,7 @@ def tags_of_faces(mesh: Mesh, points: Float, listed: ListedFaces) -> dict[str, I
 
 
 def faces_with(mesh: Mesh, points: Float, offsets: Int, vertices: Int, cells: Int | None = None) -> Int:
-    """Return for each of k loops the face with the same points ``(k,)``, or −1.
+    """Return for each of k vertex loops the mesh face with the same points ``(k,)``, or −1.
 
     Points are compared by coordinates, because the construction of a mesh renumbers them. Repeated
     consecutive points count once (triangles stored as quadrilaterals). With ``cells``, the smaller number of
@@ -190,13 +190,13 @@ def faces_with(mesh: Mesh, points: Float, offsets: Int, vertices: Int, cells: In
 
 
 def _keys(cells: Int, offsets: Int, vertices: Int, loops: Int, size: int) -> Int:
-    """Return cell and sorted points ``(k, 1 + size)`` of loops with equal size."""
+    """Return adjacent cell and sorted vertices ``(k, 1 + size)`` of loops with ``size`` vertices each."""
     points = np.sort(vertices[gather(offsets, loops)[1]].reshape(-1, size), axis=1)
     return frozen_int(np.column_stack((cells[loops], points)))
 
 
 def _row_numbers(rows: Float | Int) -> Int:
-    """Return a number for each distinct row."""
+    """Return a number for each row ``(n,)``, equal for equal rows."""
     order = np.lexsort(rows.T)
     new = np.concatenate(([True], (np.diff(rows[order], axis=0) != 0).any(axis=1)))[: len(rows)]
     number = np.empty(len(rows), np.int64)

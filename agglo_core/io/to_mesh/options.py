@@ -1,4 +1,4 @@
-"""Options of formats that build meshes from points and cells."""
+"""Reading options that all formats share which build meshes from points and cells."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TypedDict
 
 
 class ReadOptions(TypedDict):
-    """Options for the construction of a mesh from a file."""
+    """Keyword arguments that control the construction of a mesh from a file."""
 
     merge_points: bool
     allow_gaps: bool
@@ -14,7 +14,7 @@ class ReadOptions(TypedDict):
 
 
 class Reading:
-    """Base class for formats: options for reading.
+    """Base class of file formats, with the options for reading.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Reading:
 
     @property
     def reading(self) -> ReadOptions:
-        """Options as keyword arguments for the reading function."""
+        """Options as keyword arguments for the functions that build a mesh."""
         return {
             "merge_points": self.merge_points,
             "allow_gaps": self.allow_gaps,
@@ -42,7 +42,7 @@ class Reading:
 
 
 class Compressing(Reading):
-    """Base class for formats that also compress.
+    """Base class of file formats, with the options for reading and for compression.
 
     Parameters
     ----------

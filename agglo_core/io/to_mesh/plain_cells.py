@@ -1,4 +1,4 @@
-"""Convert meshes to plain lists of polygons or polyhedra, and write levels to files beside them."""
+"""Convert meshes to plain lists of polygons or polyhedra, and write coarse meshes to separate files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Loops(NamedTuple):
 
 
 def loops_of(mesh: Mesh, suffix: str) -> Loops:
-    """Return the cells of a 2-D mesh as polygons, with the points in use.
+    """Return the cells of a 2-D mesh as polygons, without points that no cell uses.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def loops_of(mesh: Mesh, suffix: str) -> Loops:
 
 
 def solids_of(mesh: Mesh, suffix: str) -> tuple[Float, Polyhedra]:
-    """Return the points in use and the faces per cell, counter-clockwise from outside.
+    """Return the cells of a 3-D mesh as polyhedra, without points that no cell uses.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def solids_of(mesh: Mesh, suffix: str) -> tuple[Float, Polyhedra]:
 
 
 def used_points(mesh: Mesh) -> tuple[Float, Int | None]:
-    """Return the face points, and new point numbers (None if unchanged).
+    """Return the points that belong to faces, and the new number of each point (None if unchanged).
 
     Coarse meshes keep points without faces, which are dropped here.
     """
@@ -81,7 +81,7 @@ def used_points(mesh: Mesh) -> tuple[Float, Int | None]:
 
 
 def half_faces(mesh: Mesh) -> Polyhedra:
-    """Return the faces per cell in the order of ``cell_faces``, counter-clockwise from outside."""
+    """Return the faces of each cell, counter-clockwise from outside, in the order of ``cell_faces``."""
     offsets, faces = mesh.cell_faces
     loop_offsets = np.concatenate(([0], np.cumsum(np.diff(mesh.face_offsets)[faces])))
     vertices = np.empty(loop_offsets[-1], np.int64)
@@ -94,7 +94,7 @@ def half_faces(mesh: Mesh) -> Polyhedra:
 
 
 def _orient_outwards(mesh: Mesh, cells: Int, faces: Int) -> Int:
-    """Concatenate the vertices of the faces, each counter-clockwise from outside its cell."""
+    """Return the vertices of ``faces``, each counter-clockwise from outside the corresponding cell."""
     loop_offsets, places = gather(mesh.face_offsets, faces)
     sizes = np.diff(loop_offsets)
     ends = np.repeat(mesh.face_offsets[faces] + mesh.face_offsets[faces + 1] - 1, sizes)

@@ -1,4 +1,4 @@
-"""Convert VTK's convex point sets to polyhedra: their convex hulls."""
+"""Replace VTK cells that are given by points alone by the convex hulls of these points."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def convex_hulls(points: Float, offsets: Int, vertices: Int, cells: Int) -> Poly
 
 
 def _hull(points: Float, nodes: Int, cell: int) -> list[Int]:
-    """Return the faces of the hull as loops of point numbers."""
+    """Return the faces of the convex hull of points, as loops of point numbers."""
     from scipy.spatial import ConvexHull, QhullError
 
     nodes = np.unique(nodes)

@@ -1,4 +1,4 @@
-"""Build a Mesh from the cells of a file: a list of VTK types with nodes.
+"""Build a mesh from a list of cells, each given by its VTK type and its nodes.
 
 A cell of the file becomes a mesh cell, a face tag, or is counted as dropped. Tags, global ids and listed
 faces refer to cells; a type that stands for several cells must be split with all of them, before pieces are
@@ -51,7 +51,7 @@ _VOXEL = (0, 1, 3, 2, 4, 5, 7, 6)  # voxel corners in hexahedron order
 
 
 class Soup(NamedTuple):
-    """Cells of any type in file order.
+    """List of cells of any type in file order, without adjacency.
 
     Cell c has the VTK type ``types[c]`` and the nodes ``vertices[offsets[c]:offsets[c + 1]]``;
     polyhedra (type 42) use the rows of ``solids`` in turn instead.
@@ -137,7 +137,7 @@ def mesh_from_soup(
 
 
 def record_repairs(mesh: Mesh, repairs: Mapping[str, int]) -> Mesh:
-    """Record and log additional repairs with a positive count."""
+    """Log changes made to a mesh on reading, and add their counts to ``mesh.repairs``."""
     counts = {text: count for text, count in repairs.items() if count}
     for text, count in counts.items():
         _log.info("%s: %d", text, count)
@@ -145,7 +145,7 @@ def record_repairs(mesh: Mesh, repairs: Mapping[str, int]) -> Mesh:
 
 
 def _dimensions_and_corners() -> tuple[Int, Int]:
-    """Return dimension (−1: unsupported) and corner count (0: all nodes) of the VTK types 0..255."""
+    """Tabulate dimension (−1: unsupported) and corner count (0: all nodes) of VTK types 0 to 255."""
     dims, corners = np.full(256, -1), np.zeros(256, np.int64)
     for types, dim, count in (
         (_POINTS, 0, 0),
@@ -162,7 +162,7 @@ def _dimensions_and_corners() -> tuple[Int, Int]:
 
 
 def _corner_counts(soup: Soup, corners: Int) -> Int:
-    """Return the number of corners per cell.
+    """Return the number of corners of each cell, without higher-order nodes.
 
     Raises FileError for cells with fewer nodes.
     """
@@ -178,7 +178,7 @@ def _corner_counts(soup: Soup, corners: Int) -> Int:
 
 
 def _loops(soup: Soup, sizes: Int, cells: Int) -> tuple[Int, Int]:
-    """Return the corner loops of 2-D cells (or lines) as CSR."""
+    """Return the corners of 2-D cells (or lines) as CSR, in order around the cell."""
     plain = not np.isin(soup.types, (_PIXEL, _STRIP)).any()
     if len(cells) == len(sizes) and np.array_equal(sizes, np.diff(soup.offsets)) and plain:
         return soup.offsets, soup.vertices
@@ -194,7 +194,7 @@ def _loops(soup: Soup, sizes: Int, cells: Int) -> tuple[Int, Int]:
 
 
 def _solids(soup: Soup, cells: Int) -> Polyhedra:
-    """Return the 3-D cells as half-faces, in file order."""
+    """Return the 3-D cells as polyhedra given by their faces, in file order."""
     parts, cell_blocks = [soup.solids], [np.flatnonzero(soup.types == _POLYHEDRON)]
     for shape, types in _SHAPES.items():
         shape_cells = np.flatnonzero(np.isin(soup.types, types))
@@ -215,7 +215,7 @@ def _solids(soup: Soup, cells: Int) -> Polyhedra:
 
 
 def _face_tags(mesh: Mesh, soup: Soup, loops: tuple[Int, Int], facets: Int) -> tuple[dict[str, Int], int]:
-    """Return tags from cells on mesh faces (−1 on other faces), and the number of such cells.
+    """Convert lower-dimensional cells on mesh faces to face tags (−1 elsewhere), and count these cells.
 
     Points are matched by coordinates, because the construction of the mesh renumbers them.
     """
