@@ -1,4 +1,4 @@
-"""Represent cells in VTK: as VTK elements where a cell is exactly one, otherwise as polygons or polyhedra."""
+"""Convert cells to VTK's cell types: VTK elements where possible, otherwise polygons or polyhedra."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _CONVEX = 1e-9  # minimum corner triangle of a convex quadrilateral, relative to
 
 
 class _Element(NamedTuple):
-    """One of VTK's 3-D elements."""
+    """One of VTK's 3-D elements, with its face sizes and its rotation group."""
 
     number: int
     sizes: tuple[int, ...]  # of its faces; the first sizes are those of faces equivalent under rotation
@@ -45,7 +45,7 @@ _ELEMENTS: Mapping[str, _Element] = {
 
 
 class Cells(NamedTuple):
-    """Cells of a mesh in VTK's representation.
+    """Cells of a mesh as VTK stores them: types, points and faces.
 
     Cell c has the type ``types[c]`` and the points ``vertices[offsets[c]:offsets[c + 1]]``, in VTK's order.
     """
@@ -58,7 +58,7 @@ class Cells(NamedTuple):
 
 
 def cells_of(mesh: Mesh) -> Cells:
-    """Return the cells, each with its most specific VTK type.
+    """Return the cells of a mesh, each with the most specific VTK type that fits.
 
     Triangles and convex quadrilaterals are VTK elements, other 2-D cells polygons, because VTK assumes that
     quadrilaterals are convex. Tetrahedra, hexahedra, wedges and pyramids are VTK elements if their faces
@@ -83,7 +83,7 @@ def cells_of(mesh: Mesh) -> Cells:
 
 
 def select_cells(cells: Cells, chosen: Int) -> Cells:
-    """Return some of the cells, in the given order."""
+    """Return the cells with the given indices, in this order."""
     offsets, places = gather(cells.offsets, chosen)
     solid = len(cells.solids.cell_offsets) > 1
     return Cells(
@@ -107,7 +107,7 @@ def _plane(mesh: Mesh) -> Cells:
 
 
 def _is_convex(corners: Float) -> Mask:
-    """Return the mask of quadrilaterals ``(q, 4, d)`` that are convex with respect to their area vector."""
+    """Return a mask ``(q,)`` of the convex ones among quadrilaterals ``(q, 4, d)``."""
     a, b, c, d = (corners[:, k] for k in range(4))
     area = _cross(c - a, d - b)
     least = _CONVEX * (area * area).sum(axis=1)
@@ -118,14 +118,14 @@ def _is_convex(corners: Float) -> Mask:
 
 
 def _cross(u: Float, v: Float) -> Float:
-    """Return vector products ``(q, 3)``, in 2-D their third component ``(q, 1)``."""
+    """Return the cross products of q pairs of vectors, ``(q, 3)`` or in 2-D ``(q, 1)``."""
     if u.shape[1] == 3:
         return np.cross(u, v)
     return (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])[:, None]
 
 
 def _nonconvex_quads(mesh: Mesh) -> Mask:
-    """Return the mask of non-convex quadrilateral faces in a 3-D mesh."""
+    """Return a mask ``(n_faces,)`` of the non-convex quadrilateral faces of a 3-D mesh."""
     is_nonconvex = np.zeros(mesh.n_faces, bool)
     quads = np.flatnonzero(np.diff(mesh.face_offsets) == 4)
     corners = mesh.face_vertices[mesh.face_offsets[quads][:, None] + np.arange(4)]
@@ -134,7 +134,7 @@ def _nonconvex_quads(mesh: Mesh) -> Mask:
 
 
 def _matches_counts(kind: str, solids: Polyhedra, vertex_offsets: Int) -> Mask:
-    """Return the mask of cells whose numbers of vertices, faces and face corners match the element."""
+    """Return a mask of cells with as many vertices, faces and face corners as an element type."""
     sizes = _ELEMENTS[kind].sizes
     corners = np.diff(solids.loop_offsets[solids.cell_offsets])
     alike = (np.diff(vertex_offsets) == CORNERS[kind]) & (np.diff(solids.cell_offsets) == len(sizes))
@@ -142,7 +142,7 @@ def _matches_counts(kind: str, solids: Polyhedra, vertex_offsets: Int) -> Mask:
 
 
 def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int, Int]:
-    """Return the cells that are such elements ``(n,)``, and their corners in VTK's order ``(n, k)``.
+    """Select the cells that are elements of a type, and return their corners in VTK's order ``(n, k)``.
 
     One face and the edges that leave it determine the corners; then all faces are compared with the faces of
     the element.
@@ -169,7 +169,7 @@ def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int
 
 @cache
 def _reference(kind: str) -> Int:
-    """Return the reference element's face loops ``(1, c)``, in the order of its sizes."""
+    """Return the concatenated face vertices ``(1, c)`` of the reference element."""
     table = polyhedra_from_elements({kind: [range(CORNERS[kind])]})
     sizes = np.diff(table.loop_offsets)
     order = np.argsort(sizes != _ELEMENTS[kind].sizes[0], kind="stable")
@@ -177,7 +177,7 @@ def _reference(kind: str) -> Int:
 
 
 def _neighbours(sizes: Int) -> tuple[Int, Int]:
-    """Return the columns of previous and next corners for faces with these sizes."""
+    """Return for each entry of concatenated face loops the index of the previous and the next corner."""
     ends = np.cumsum(sizes)
     before, after = np.arange(ends[-1]) - 1, np.arange(ends[-1]) + 1
     before[ends - sizes], after[ends - 1] = ends - 1, ends - sizes
@@ -185,7 +185,7 @@ def _neighbours(sizes: Int) -> tuple[Int, Int]:
 
 
 def _walk(around: Int, sizes: Int) -> Int:
-    """Return the vertices of each first face, then the opposite ends of the edges that leave it."""
+    """Return the vertices of each cell's first face, then their neighbours outside this face."""
     before, after = _neighbours(sizes)
     base, rows, tops = around[:, : sizes[0]], np.arange(len(around)), []
     for here, there in zip(base.T, np.roll(base, -1, axis=1).T, strict=True):
@@ -195,14 +195,14 @@ def _walk(around: Int, sizes: Int) -> Int:
 
 
 def _triples(around: Int, corners: Int, sizes: Int) -> Int:
-    """Encode each face corner with its two neighbours as a number, sorted per cell."""
+    """Encode each face corner and its two neighbours as one integer, sorted within each cell."""
     local = _local(around, corners)
     before, after = _neighbours(sizes)
     return frozen_int(np.sort((local[:, before] * 8 + local) * 8 + local[:, after], axis=1))
 
 
 def _local(vertices: Int, corners: Int) -> Int:
-    """Return the position of each vertex ``(n, c)`` among the corners of its cell ``(n, k)``."""
+    """Return the local index of each vertex ``(n, c)`` among the corners ``(n, k)`` of its cell."""
     local = np.zeros(vertices.shape, np.int64)
     for place, corner in enumerate(corners.T):
         local[vertices == corner[:, None]] = place
@@ -210,7 +210,7 @@ def _local(vertices: Int, corners: Int) -> Int:
 
 
 def _rotate_corners(mesh: Mesh, kind: str, cells: Int, corners: Int) -> Int:
-    """Rotate the corners so that the faces read back with the same sequence and first vertex.
+    """Rotate the corners of each element so that reading the file reproduces the order of its faces.
 
     A mesh of elements then survives a round trip bit by bit. Without such a rotation the corners are
     unchanged.
@@ -230,7 +230,7 @@ def _rotate_corners(mesh: Mesh, kind: str, cells: Int, corners: Int) -> Int:
 
 @cache
 def _turns(kind: str) -> tuple[tuple[int, ...], ...]:
-    """Return all corner permutations that map the element to itself."""
+    """Return all corner permutations that are rotations of the element."""
     orders = [tuple(range(CORNERS[kind]))]
     for order in orders:  # grows while it is walked through
         for turn in _ELEMENTS[kind].turns:

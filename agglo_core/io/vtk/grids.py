@@ -1,4 +1,4 @@
-"""Create VTK pieces from meshes, and write a mesh and its coarse meshes to separate files."""
+"""Convert meshes to the arrays of a VTK file, and write a mesh and its coarse meshes to separate files."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FaceArrays = Callable[[Cells, Int | None], dict[str, NDArray[Any]]]
 
 
 class Share(NamedTuple):
-    """Cells that form a piece of a larger mesh.
+    """Cells of a mesh that go into one of the files of a larger distributed mesh.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ def piece_of(
     derived: Mapping[str, NDArray[Any]],
     share: Share | None = None,
 ) -> Piece:
-    """Return a piece with the cells, tags and derived data of a mesh, or of a share."""
+    """Return the contents of a VTK file with all cells of a mesh, or with the cells of ``share``."""
     cells = cells_of(mesh) if share is None else select_cells(cells_of(mesh), share.cells)
     data = dict(tags)
     if (cells.loops > 1).any():
@@ -87,14 +87,14 @@ def piece_of(
 
 
 def _points_of(cells: Cells, n_points: int) -> tuple[Int, Int]:
-    """Return the cells' points, and the number of each mesh point among them."""
+    """Return the mesh points that the cells use, and the new number of each mesh point."""
     is_used = np.zeros(n_points, bool)
     is_used[cells.vertices] = is_used[cells.solids.vertices] = True
     return frozen_int(np.flatnonzero(is_used)), frozen_int(np.cumsum(is_used) - 1)
 
 
 def renumber_vertices(vertices: Int, number: Int | None) -> Int:
-    """Convert vertices to point numbers in the file."""
+    """Convert point numbers of the mesh to point numbers of the file."""
     return vertices if number is None else frozen_int(number[vertices])
 
 
@@ -102,14 +102,14 @@ _log = logging.getLogger("agglo")
 
 
 class WritePiece(Protocol):
-    """Function that writes one piece to a file."""
+    """Type of functions that write the contents of a VTK file."""
 
     def __call__(self, path: Path, piece: Piece, *, compress: bool, tell: Tell) -> None:
-        """Write the piece."""
+        """Write the contents to a file."""
 
 
 class Storage(NamedTuple):
-    """Functions that store a grid.
+    """Functions that one VTK format provides: write a file, arrange polyhedra, recognise own files.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ def write_grids(
     *,
     compress: bool,
 ) -> None:
-    """Write ``path``, and with a hierarchy each coarse mesh beside it as ``NAME_level0.SUFFIX``, ….
+    """Write a mesh to ``path``, and each coarse mesh of a hierarchy to ``NAME_level0.SUFFIX``, ….
 
     The fine mesh has its cell tags and the labels of every level (``level_0``, …). A coarse mesh has its tags
     and data on each agglomerate: ``agglomerate``, ``parent``, ``cells``, ``measure``, ``diameter`` and the
@@ -190,7 +190,7 @@ def write_grids(
 
 
 def _remove_stale(storage: Storage, path: Path, count: int) -> None:
-    """Remove the coarse meshes of an earlier, deeper hierarchy, so that they are not mistaken for levels."""
+    """Remove coarse mesh files left by an earlier hierarchy with more levels."""
     pattern = re.compile(re.escape(f"{path.stem}_level") + r"(0|[1-9]\d*)" + re.escape(path.suffix), re.ASCII)
     for file in sorted(path.parent.iterdir()):
         match = pattern.fullmatch(file.name)

@@ -1,4 +1,4 @@
-"""Define the arrays in VTKHDF files and read one partition safely."""
+"""Names of the arrays in VTKHDF files, and safe reading of one partition."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ COUNTS = {
 
 
 def hdf5() -> Any:
-    """Return the module h5py.
+    """Import and return the module h5py.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def hdf5() -> Any:
 
 
 def member(group: Any, name: str) -> Any:
-    """Return a numeric dataset stored in the file itself, or None if absent.
+    """Return a numeric dataset of an HDF5 group, or None if the group does not have it.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def member(group: Any, name: str) -> Any:
 
 
 def subgroup(group: Any, name: str) -> Any:
-    """Return a group stored in the file itself, or None if absent.
+    """Return a subgroup of an HDF5 group, or None if the group does not have it.
 
     Raises FileError for other members.
     """
@@ -75,7 +75,7 @@ def subgroup(group: Any, name: str) -> Any:
 
 
 def datasets(group: Any) -> dict[str, Any]:
-    """Return the datasets of a group by name (none for None).
+    """Return all datasets of an HDF5 group by name (empty if the group is None).
 
     Raises FileError for links.
     """
@@ -84,7 +84,7 @@ def datasets(group: Any) -> dict[str, Any]:
 
 
 def _follow_hard_link(group: Any, name: str, kind: str) -> Any:
-    """Return a member behind a hard link.
+    """Return a member of an HDF5 group, but reject links that may lead to other files.
 
     Soft and external links may lead to other files.
     """
@@ -98,7 +98,7 @@ def _follow_hard_link(group: Any, name: str, kind: str) -> Any:
 
 @dataclass(frozen=True)
 class Partition:
-    """Integer arrays of one partition, by their VTU names."""
+    """One partition of a VTKHDF file: its integer arrays, under their names in VTU files."""
 
     group: Any
     cells: tuple[int, int]  # first and last cell in the file
@@ -109,7 +109,7 @@ class Partition:
         return name in NAMES and NAMES[name] in self.group
 
     def take(self, name: str, declared: int) -> Int:
-        """Return an array of the declared length.
+        """Return the array with this name, of the declared length.
 
         Raises FileError if damaged.
         """

@@ -1,4 +1,4 @@
-"""Join the pieces of a mesh: drop ghost cells, concatenate, sort by global numbers."""
+"""Join the pieces of a distributed mesh: drop ghost cells, concatenate, sort by global numbers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SOLID = 42
 
 
 def drop_ghosts(soup: Soup) -> tuple[Soup, int]:
-    """Drop the cells that other pieces repeat, and return their number."""
+    """Remove the ghost cells of a piece (copies of cells in other pieces), and count them."""
     tags = dict(soup.tags)
     ghost = tags.pop("vtkGhostType", frozen_int(np.zeros(len(soup.types)))) & _GHOST != 0
     soup = soup._replace(tags=tags)
@@ -25,7 +25,7 @@ def drop_ghosts(soup: Soup) -> tuple[Soup, int]:
 
 
 def _pick_cells(soup: Soup, cells: Int) -> Soup:
-    """Return some cells in the given order.
+    """Return the cells with the given indices, in this order.
 
     Listed faces are kept only with all cells.
     """
@@ -51,7 +51,7 @@ def _pick_cells(soup: Soup, cells: Int) -> Soup:
 
 
 def join_pieces(pieces: Sequence[Soup]) -> Soup:
-    """Concatenate all pieces with cells.
+    """Concatenate the cells, points and tags of all pieces.
 
     Tags missing in some piece are dropped.
     """
@@ -88,7 +88,7 @@ def _concatenate_if_all(arrays: Sequence[Int | None]) -> Int | None:
 
 
 def in_global_order(soup: Soup) -> Soup:
-    """Sort the cells by global ids and merge points by theirs.
+    """Sort cells by their global numbers, and merge points with equal global numbers.
 
     Raises FileError for contradictory ids.
 
@@ -107,7 +107,7 @@ def in_global_order(soup: Soup) -> Soup:
 
 
 def _merge_points(soup: Soup, point_ids: Int) -> Soup:
-    """Keep one point per global id.
+    """Merge all points with the same global number.
 
     Raises FileError if its coordinates differ.
     """
@@ -127,7 +127,7 @@ def _merge_points(soup: Soup, point_ids: Int) -> Soup:
 
 
 def _differ(p: Float, q: Float) -> Mask:
-    """Return the mask of different points.
+    """Return a mask ``(n,)`` of the rows in which two arrays of points differ.
 
     Non-finite points are reported elsewhere.
     """

@@ -41,7 +41,7 @@ _TEXTS = ("string", "variant", "utf8_string", "unicode_string")
 
 
 def legacy_kind(path: Path) -> str:
-    """Return the dataset type of a supported legacy VTK file, or an empty string."""
+    """Return the dataset type of a legacy VTK file, or an empty string if it is not supported."""
     with open(path, "rb") as file:
         head = file.read(1024).split(b"\n")
     if not head[0].lower().startswith(b"# vtk datafile version"):
@@ -52,7 +52,7 @@ def legacy_kind(path: Path) -> str:
 
 
 def read_legacy(path: Path) -> Stored:
-    """Read the cells of a file and their integer data.
+    """Read the cells and the integer cell data in a legacy VTK file.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def read_legacy(path: Path) -> Stored:
 
 @dataclass
 class _Reader:
-    """Cursor over a file that collects its arrays section by section."""
+    """Parser that collects the arrays of a legacy VTK file section by section."""
 
     file: BinaryIO
     size: int
@@ -78,7 +78,7 @@ class _Reader:
     count: int = 0  # number of values in these arrays
 
     def stored(self) -> Stored:
-        """Read all sections."""
+        """Read the whole file and return its cells and tags."""
         header = [self.file.readline() for _ in range(3)]
         encoding = header[2].strip().upper()
         if encoding not in (b"ASCII", b"BINARY"):
@@ -126,7 +126,7 @@ class _Reader:
             self._attribute(title, words)
 
     def _attribute(self, title: str, words: list[str]) -> None:
-        """Read an array with values per cell or point."""
+        """Read a data array (scalars, vectors, …) with values per cell or point."""
         colour = "float" if self.text else "unsigned_char"
         if title == "LOOKUP_TABLE":
             self._array(colour, 4 * _count(words, 2))
@@ -147,7 +147,7 @@ class _Reader:
         self._keep(_word(words, 1), self._array(kind, self.count * width), width)
 
     def _field(self) -> None:
-        """Read the next array of a FIELD."""
+        """Read the next array in a section FIELD."""
         words = self._next_line()
         if words[0].upper() == "METADATA":
             self._section(words)
@@ -175,7 +175,7 @@ class _Reader:
             self.data[unquote(name)] = values.reshape(-1, max(width, 1))
 
     def _lists(self, n: int, size: int) -> tuple[Int, Int]:
-        """Read list ends and list entries.
+        """Read lists of integers, and return the end of each list and their concatenated entries.
 
         Since version 5.1 offsets are stored separately, earlier a count before each list.
         """
@@ -198,7 +198,7 @@ class _Reader:
         return frozen_int(offsets[1:]), entries
 
     def _grid(self, types: Int) -> StoredArrays:
-        """Return the arrays of an unstructured grid.
+        """Convert the cells of an unstructured grid to the arrays of the newer XML format.
 
         The lists of polyhedra are their faces.
         """
@@ -216,7 +216,7 @@ class _Reader:
         )
 
     def _array(self, kind: str, n: int) -> NDArray[Any]:
-        """Read n numbers of a type."""
+        """Read n numbers of a given VTK type, as text or binary."""
         kind = kind.lower()
         if kind not in _NUMBERS and kind != "bit":
             raise FileError(f"unknown number type {kind[:30]!r}")
@@ -234,7 +234,7 @@ class _Reader:
         return np.unpackbits(values)[:n] if packed else values
 
     def _numbers(self, dtype: np.dtype[Any], n: int) -> NDArray[Any]:
-        """Read n numbers from a text, or fewer if other content comes first."""
+        """Read n numbers of a text file, or fewer if other text follows before the n-th."""
         with warnings.catch_warnings():
             warnings.simplefilter("error", DeprecationWarning)  # numpy before 2.4 warns about invalid numbers
             try:

@@ -1,4 +1,4 @@
-"""Convert stored VTK pieces (UnstructuredGrid, PolyData) to cells, and these to a mesh."""
+"""Convert the arrays of VTK pieces (UnstructuredGrid or PolyData) to cells, and the cells to a mesh."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ _FEW = 1 << 15  # pieces with fewer points may have as many cells as a piece of 
 
 
 class StoredArrays(dict[str, Int]):
-    """Integer arrays of a piece, already in memory."""
+    """Integer arrays of a VTK piece by name, held in memory."""
 
     def take(self, name: str, declared: int) -> Int:
-        """Return an array."""
+        """Return the array with this name."""
         return self[name]
 
 
 def polydata_cells(lists: Mapping[str, tuple[Int, Int]]) -> StoredArrays:
-    """Return types, offsets and points of PolyData cells, by their VTU names.
+    """Convert the cells of a PolyData piece to the arrays of an UnstructuredGrid piece.
 
     Parameters
     ----------
@@ -60,20 +60,20 @@ def polydata_cells(lists: Mapping[str, tuple[Int, Int]]) -> StoredArrays:
 
 
 class CellArrays(Protocol):
-    """Integer arrays of a piece, by their VTU names."""
+    """Interface to the integer arrays of a VTK piece, under their names in VTU files."""
 
     def __contains__(self, name: str) -> bool:
-        """Return True if there is such an array."""
+        """Return True if the piece has an array with this name."""
 
     def take(self, name: str, declared: int) -> Int:
-        """Return an array of the declared length.
+        """Return the array with this name, of the declared length.
 
         Raises FileError if damaged.
         """
 
 
 class Stored(NamedTuple):
-    """Contents of a file.
+    """Pieces of a mesh as read from a VTK file, and names of the data that were skipped.
 
     Attributes
     ----------
@@ -90,13 +90,13 @@ class Stored(NamedTuple):
 
 
 def check_counts(n_points: int, n: int) -> None:
-    """Raise FileError for a piece with more cells than its points allow."""
+    """Raise FileError if a piece has implausibly many cells for its number of points."""
     if n > _VISITS * max(n_points, _FEW):
         raise FileError(f"a Piece of {n} cells has only {n_points} points")
 
 
 def soup_of_piece(arrays: CellArrays, points: Float, n: int) -> Soup:
-    """Return the n cells of a piece, without tags.
+    """Convert the arrays of a VTK piece to a list of n cells, without tags.
 
     Raises FileError if damaged.
     """
@@ -126,7 +126,7 @@ def _offsets(ends: Int, size: int, name: str) -> Int:
 
 
 def _polyhedra(arrays: CellArrays, solids: Int, n: int, visits: int) -> Polyhedra:
-    """Return the faces of the polyhedra ``solids`` among n cells.
+    """Return the faces of those among n cells that are polyhedra, given by their indices ``solids``.
 
     Array lengths are bounded by ``visits``.
     """
@@ -181,7 +181,7 @@ def _face_stream(stream: Int, stops: Int) -> Polyhedra:
 
 
 def mesh_from_pieces(stored: Stored, *, name: str, **options: Unpack[ReadOptions]) -> Mesh:
-    """Build a mesh from pieces, joined without duplicate ghost cells.
+    """Build a mesh from the pieces in a VTK file, without ghost cells.
 
     Raises an AggloError.
     """
@@ -191,7 +191,7 @@ def mesh_from_pieces(stored: Stored, *, name: str, **options: Unpack[ReadOptions
 
 
 def soup_of_pieces(pieces: Sequence[Soup]) -> tuple[Soup, int]:
-    """Concatenate the cells of all pieces.
+    """Concatenate the cells of all pieces, without ghost cells.
 
     Return them and the number of dropped ghosts. Raises FileError.
     """
@@ -202,7 +202,7 @@ def soup_of_pieces(pieces: Sequence[Soup]) -> tuple[Soup, int]:
 def mesh_of_soup(
     soup: Soup, ghosts: int, left_out: Iterable[str], *, name: str, **options: Unpack[ReadOptions]
 ) -> Mesh:
-    """Build a mesh from joined cells.
+    """Build a mesh from the joined cells of all pieces, and record the ghost cells and data left out.
 
     Repairs count dropped ghosts and cell data. Raises an AggloError.
     """

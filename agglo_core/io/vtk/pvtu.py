@@ -1,4 +1,4 @@
-"""Read and write .pvtu files, which list the .vtu files of a mesh in pieces."""
+"""Read and write .pvtu files, which list the .vtu files with the pieces of a mesh."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Pvtu(Reading):
 
 
 def join_contents(files: Sequence[Stored]) -> Stored:
-    """Join the contents of several files."""
+    """Join the pieces read from several files into one list."""
     return Stored(
         list(chain.from_iterable(file.pieces for file in files)),
         list(chain.from_iterable(file.left_out for file in files)),
@@ -51,7 +51,7 @@ def join_contents(files: Sequence[Stored]) -> Stored:
 
 
 def sources_of(content: bytes) -> list[str]:
-    """Return the listed files.
+    """Return the paths of the VTU files that a PVTU file lists.
 
     Raises FileError for duplicates and paths outside the folder.
     """
@@ -71,7 +71,7 @@ def sources_of(content: bytes) -> list[str]:
 
 
 def read_piece(folder: Path, source: str) -> Stored:
-    """Read the pieces of one VTU file.
+    """Read all pieces in one of the VTU files that a PVTU file lists.
 
     Errors name the file.
     """
@@ -97,12 +97,12 @@ PIECES = _START.format(kind="mesh").encode()
 
 
 def piece_name(stem: str, rank: int) -> str:
-    """Return the path of a rank's piece relative to ``STEM.pvtu``, in ParaView's layout."""
+    """Return the path of the VTU file of an MPI rank, relative to ``STEM.pvtu``."""
     return f"{stem}/{stem}_{rank}.vtu"
 
 
 def pvtu_list(piece: Piece, sources: Sequence[str]) -> bytes:
-    """Return the list of these files, each with a piece whose arrays match ``piece``."""
+    """Return the PVTU file that lists the given VTU files, whose arrays match those of ``piece``."""
     arrays = list(stored_arrays(piece))
     lines = []
     for section in ("PointData", "CellData", "Points"):

@@ -1,4 +1,4 @@
-"""Write a solution as VTU: a function sampled cell by cell, with its jumps."""
+"""Write a finite element solution as VTU: a function sampled cell by cell, with its jumps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SIMPLICES = {3: 5, 4: 10}  # number of corners -> VTK type of triangles and tet
 
 
 def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, name: str = "u") -> None:
-    """Write a sampled function to a ``.vtu`` file for ParaView and VTK.
+    """Write a function, sampled cell by cell, to a ``.vtu`` file for ParaView and VTK.
 
     Cells share no points, so jumps are visible and holes are empty. Cell data: ``cell``, the cell number in
     the mesh (``agglo_cell`` if a tag is called ``cell``), and the cell tags of the mesh.
@@ -47,7 +47,7 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
 def solution_piece(
     samples: Samples, tags: Mapping[str, Int], *, name: str = "u", cell_ids: Int | None = None
 ) -> Piece:
-    """Return the file contents for a sampled function.
+    """Return the contents of a VTU file with a function sampled on simplices.
 
     Parameters
     ----------

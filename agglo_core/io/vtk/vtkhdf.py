@@ -50,7 +50,7 @@ class VtkHdf(Compressing):
     keeps_level_values: bool = True
 
     def read(self, path: Path) -> Mesh:
-        """Read a mesh.
+        """Read the mesh in a VTKHDF file.
 
         Partitions are joined, integer cell data become cell tags.
 
@@ -77,7 +77,7 @@ class VtkHdf(Compressing):
         level_values: LevelValues | None = None,
         tell: Tell = to_nobody,
     ) -> None:
-        """Write ``path``, and with a hierarchy each coarse mesh beside it, see :func:`write_grids`.
+        """Write a mesh to ``path``, and each coarse mesh beside it, as :func:`write_grids` describes.
 
         Raises
         ------
@@ -116,7 +116,7 @@ def _read_group(file: Any, max_bytes: int) -> Stored:
 
 
 def _check_sizes(group: Any, max_bytes: int) -> None:
-    """Reject arrays far larger than the file, which compressed or missing blocks allow."""
+    """Reject files whose arrays are far larger than the file, as compressed data can be."""
     total = 0
     for section in (group, subgroup(group, "CellData"), subgroup(group, "FieldData")):
         for name, dataset in datasets(section).items():
@@ -127,7 +127,7 @@ def _check_sizes(group: Any, max_bytes: int) -> None:
 
 
 def _tags(group: Any) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """Return integer cell data with one component, and the names of other cell data that are not derived."""
+    """Return integer cell data with one component, and the names of skipped cell data."""
     section = subgroup(group, "CellData")
     tags, skipped_names = {}, []
     for name, dataset in datasets(section).items():
@@ -195,7 +195,7 @@ def _is_own_file(file: Path) -> bool:
 
 
 def _faces(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
-    """Return the faces of polyhedra, stored separately per cell.
+    """Return the arrays that describe the faces of all polyhedra, each face once per cell.
 
     Other cells have none.
     """

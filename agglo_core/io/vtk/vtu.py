@@ -43,7 +43,7 @@ _FACES = 64  # face entries per cell above which an array is checked before it i
 
 
 class Vtu(Compressing):
-    """VTU with agglo's own reader and writer: any mesh with its cell tags and level labels.
+    """VTU files, read and written without VTK: any mesh with its cell tags and level labels.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Vtu(Compressing):
         level_values: LevelValues | None = None,
         tell: Tell = to_nobody,
     ) -> None:
-        """Write the mesh, and each coarse mesh with its values beside it.
+        """Write the mesh, and each coarse mesh with its level values to a separate file.
 
         Raises an AggloError.
         """
@@ -99,7 +99,7 @@ class Vtu(Compressing):
 
 
 class Vtp(Reading):
-    """Polygons and strips of VTK XML PolyData.
+    """VTP files (PolyData): polygons and triangle strips.
 
     The coordinate z must be constant (2-D); surfaces are rejected.
     """
@@ -115,7 +115,7 @@ class Vtp(Reading):
 
 
 def read_pieces(content: bytes, kind: str = "UnstructuredGrid") -> Stored:
-    """Read the pieces in a file of this type.
+    """Read all pieces in the content of a VTK XML file of type ``kind``.
 
     Raises FileError if damaged.
     """
@@ -134,14 +134,14 @@ def read_pieces(content: bytes, kind: str = "UnstructuredGrid") -> Stored:
 
 
 def _read_listed_faces(document: Document, grid: ElementTree.Element, piece: Soup) -> ListedFaces | None:
-    """Return the tagged faces from the field data."""
+    """Read the tagged faces that agglo stores as field data, or None if there are none."""
     n, elements = len(piece.types), grid.findall("FieldData/DataArray")
     fields = {element.get("Name", ""): document.array(element, _FACES * n) for element in elements}
     return parse_listed_faces(fields, len(piece.points), n)
 
 
 def _check_places(elements: Iterable[ElementTree.Element]) -> None:
-    """Reject arrays that share bytes, because a small file could then expand without bound."""
+    """Reject files in which several arrays share bytes, because small files could then expand greatly."""
     names: dict[int, str] = {}
     for element in elements:
         if element.get("format") != "appended":
@@ -157,7 +157,7 @@ def _check_places(elements: Iterable[ElementTree.Element]) -> None:
 
 
 def _piece(document: Document, piece: ElementTree.Element) -> Soup:
-    """Return the cells of a Piece with points, tags and global ids.
+    """Read the cells of one piece with their points, tags and global numbers.
 
     Raises FileError if damaged.
     """
@@ -181,7 +181,7 @@ def _piece(document: Document, piece: ElementTree.Element) -> Soup:
 
 
 def _list(document: Document, piece: ElementTree.Element, kind: str, n: int) -> tuple[Int, Int]:
-    """Return ends and points of n PolyData cells."""
+    """Read n cells of one PolyData kind: the end of each cell's points, and the points."""
     arrays = _Arrays(document, piece, kind)
     ends = arrays.take("offsets", n)
     if len(ends) != n or (np.diff(ends, prepend=0) < 0).any():
@@ -193,7 +193,7 @@ def _list(document: Document, piece: ElementTree.Element, kind: str, n: int) -> 
 
 
 def _ids(document: Document, section: ElementTree.Element | None, n: int) -> Int | None:
-    """Return the n integers declared as global ids of a section, or None."""
+    """Return the n global numbers of points or cells, or None if the file declares none."""
     name = "" if section is None else section.get("GlobalIds", "")
     for element in () if section is None or not name else section.iterfind("DataArray"):
         if element.get("Name") != name or not element.get("type", "").startswith(("Int", "UInt")):
@@ -206,7 +206,7 @@ def _ids(document: Document, section: ElementTree.Element | None, n: int) -> Int
 
 
 def _points(document: Document, piece: ElementTree.Element, n: int) -> Float:
-    """Return the points ``(n, 3)`` of a Piece.
+    """Return the points ``(n, 3)`` of a piece.
 
     Raises FileError for another number.
     """
@@ -218,7 +218,7 @@ def _points(document: Document, piece: ElementTree.Element, n: int) -> Float:
 
 
 def _tags(document: Document, piece: ElementTree.Element, n: int) -> dict[str, Int]:
-    """Return integer cell data with one component."""
+    """Return as tags the integer cell data with one component, without data that agglo has computed."""
     tags = {}
     for element in piece.iterfind("CellData/DataArray"):
         if not _is_tag(element):
@@ -231,7 +231,7 @@ def _tags(document: Document, piece: ElementTree.Element, n: int) -> dict[str, I
 
 
 def _is_tag(element: ElementTree.Element) -> bool:
-    """Return True for named integers with one component that agglo did not derive from the mesh."""
+    """Return True for a named integer array with one component, unless agglo has computed it."""
     if is_derived(element):
         return False
     kind = element.get("type", "")
@@ -241,7 +241,7 @@ def _is_tag(element: ElementTree.Element) -> bool:
 
 @dataclass(frozen=True)
 class _Arrays:
-    """Integer arrays in a section of a piece."""
+    """Integer arrays in one XML section of a piece, decoded on request."""
 
     document: Document
     piece: ElementTree.Element
@@ -257,7 +257,7 @@ class _Arrays:
         return name in self._elements
 
     def take(self, name: str, declared: int) -> Int:
-        """Return the integers of an array with ``declared`` values."""
+        """Return the integer array with this name and at most about ``declared`` values."""
         if name not in self._elements:
             names = ", ".join(self._elements) or "none"
             raise FileError(f"array {name!r} is missing from {self.section}; found {names}")
@@ -268,7 +268,7 @@ class _Arrays:
 
 
 def is_own_file(file: Path, *, solutions: bool = False) -> bool:
-    """Return True if a file begins like agglo's meshes (or solutions).
+    """Return True if the first bytes show that agglo wrote the file as a mesh (or a solution).
 
     May raise OSError.
     """
@@ -278,7 +278,7 @@ def is_own_file(file: Path, *, solutions: bool = False) -> bool:
 
 
 def face_stream(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
-    """Return per polyhedron the number of faces, then size and vertices of each face, seen from outside.
+    """Encode polyhedra as number of faces, then size and vertices of each face, seen from outside.
 
     Other cells have the end −1 in the stream.
     """

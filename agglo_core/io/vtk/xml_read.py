@@ -1,4 +1,4 @@
-"""Decode the DataArrays of VTK XML files: ascii, base64 and raw.
+"""Decode the arrays in VTK XML files, stored as text, base64 or raw bytes.
 
 Compression is zlib, lzma or none; the byte order is arbitrary.
 """
@@ -33,13 +33,13 @@ _WORDS = 1 << 16  # text numbers per conversion
 
 
 def is_derived(element: ElementTree.Element) -> bool:
-    """Return True for a DataArray that agglo derived from the mesh (not a tag)."""
+    """Return True for an array that agglo has computed from the mesh, so that it is not a tag."""
     return element.get("agglo") == "derived"
 
 
 @dataclass(frozen=True)
 class Document:
-    """A parsed file: its XML tree and the encoding of its binary arrays."""
+    """A parsed VTK XML file: its XML tree and the encoding of its binary arrays."""
 
     root: ElementTree.Element
     order: Literal["<", ">"]
@@ -49,7 +49,7 @@ class Document:
     raw: bool  # the appended bytes are not base64
 
     def array(self, element: ElementTree.Element, declared: int) -> NDArray[Any]:
-        """Decode the values of a DataArray ``(n,)`` in their own type and native byte order.
+        """Decode the values of an array ``(n,)`` in their own type and native byte order.
 
         Parameters
         ----------
@@ -70,7 +70,7 @@ class Document:
             raise FileError(f"array {name!r}: {error}") from None
 
     def _array(self, element: ElementTree.Element, declared: int) -> NDArray[Any]:
-        """Decode a DataArray by its format (ascii, binary or appended).
+        """Decode an array from its text, from base64, or from the appended binary data.
 
         Raises ValueError if damaged.
         """
@@ -95,7 +95,7 @@ class Document:
         return np.frombuffer(content, native.newbyteorder(self.order)).astype(native)
 
     def _binary(self, data: bytes | memoryview, start: int, limit: _Room, *, raw: bool) -> bytes | memoryview:
-        """Decode bytes after their length, raw or base64, from ``start``."""
+        """Decode the bytes of an array, which follow their number, raw or in base64."""
         if len(data) <= start:
             return b""
         if self.compression:
@@ -109,7 +109,7 @@ class Document:
         return _take(data, start, width + size, raw)[0][width:]
 
     def _compressed(self, data: bytes | memoryview, start: int, limit: _Room, raw: bool) -> bytes:
-        """Decode blocks after their header: number, size, size of the last block, compressed sizes."""
+        """Decompress an array: a header with the sizes of all blocks, then the blocks."""
         width = self.header.itemsize
         prefix, _ = _take(data, start, 3 * width, raw)
         n, size, last = (int(value) for value in np.frombuffer(prefix, self.header))
@@ -125,7 +125,7 @@ class Document:
         return b"".join(pieces)
 
     def _inflate(self, block: bytes | memoryview, size: int) -> bytes:
-        """Decompress a block with exactly ``size`` bytes."""
+        """Decompress a block, which must have exactly ``size`` bytes."""
         if size > _EXPANSION * (len(block) + 64):
             raise ValueError(f"a block of {len(block)} bytes declares a size of {size}")
         zipped = self.compression == "zlib"
@@ -138,13 +138,13 @@ class Document:
 
 
 class _Room(NamedTuple):
-    """Limit on the size of an array: declared number of values, and bytes per value."""
+    """Upper limit for the size of an array in bytes, from the declared number of values."""
 
     declared: int
     width: int
 
     def check(self, size: int) -> None:
-        """Raise ValueError for many more bytes than the declared values need."""
+        """Raise ValueError if ``size`` bytes are far more than the declared values need."""
         if size > self.width * (max(self.declared, 0) + _SPARE):
             raise ValueError(
                 f"it holds {size // self.width} values ({size} bytes), but the file declares {self.declared} "
@@ -153,7 +153,7 @@ class _Room(NamedTuple):
 
 
 def _numbers(text: str, dtype: np.dtype[Any], declared: int) -> NDArray[Any]:
-    """Parse the numbers in a text.
+    """Parse the numbers of an array stored as text.
 
     Raises ValueError for far too many numbers or invalid words.
     """
@@ -173,7 +173,7 @@ def _numbers(text: str, dtype: np.dtype[Any], declared: int) -> NDArray[Any]:
 
 
 def _take(data: bytes | memoryview, start: int, size: int, raw: bool) -> tuple[bytes | memoryview, int]:
-    """Return ``size`` decoded bytes from ``start``, and the position after them."""
+    """Return ``size`` bytes, decoded from ``start`` on, and the offset of the next."""
     stop = start + (size if raw else (size + 2) // 3 * 4)
     if stop > len(data):
         raise ValueError(f"truncated: {stop - start} bytes expected at {start}, {len(data) - start} found")
@@ -186,7 +186,7 @@ def _take(data: bytes | memoryview, start: int, size: int, raw: bool) -> tuple[b
 
 
 def parse(content: bytes, kind: str = "UnstructuredGrid") -> Document:
-    """Parse the XML of a VTK file and separate its appended data.
+    """Parse a VTK XML file, whose binary data may follow the XML.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def parse(content: bytes, kind: str = "UnstructuredGrid") -> Document:
 
 
 def vtk_root(text: bytes, kind: str) -> ElementTree.Element:
-    """Return the root element of a VTKFile of this type.
+    """Parse XML and return its root element, which must be a VTKFile of type ``kind``.
 
     Raises FileError for other content.
     """
@@ -225,7 +225,7 @@ def vtk_root(text: bytes, kind: str) -> ElementTree.Element:
 
 
 def _split_appended(content: bytes) -> tuple[bytes, bytes | memoryview, bool]:
-    """Separate the AppendedData from the XML.
+    """Separate the binary data in the section AppendedData from the XML.
 
     Return both, and True if the data are raw (invalid in XML).
     """

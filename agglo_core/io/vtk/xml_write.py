@@ -36,7 +36,7 @@ IDS = {"PointData": "GlobalPointIds", "CellData": "GlobalCellIds"}
 
 
 class Piece(NamedTuple):
-    """Contents of a file: arrays by name, real or integer.
+    """Contents of a VTU file: points, cells and data arrays by name.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Piece(NamedTuple):
 
 
 class StoredArray(NamedTuple):
-    """An array and its storage."""
+    """An array of a VTU file with its name, section and stored data type."""
 
     section: str
     name: str
@@ -83,17 +83,17 @@ class StoredArray(NamedTuple):
 
     @property
     def attributes(self) -> str:
-        """XML attributes except the position: type, name, components, mark."""
+        """XML attributes of the array except its offset: type, name, components, mark."""
         kind = f'type="{_NAMES[self.dtype.str[1:]]}" Name={quoteattr(self.name)}'
         width = f' NumberOfComponents="{self.components}"' if self.components > 1 else ""
         return f"{kind}{width}{self.mark}"
 
     def element(self, offset: int) -> str:
-        """Return the XML element with the position of the bytes."""
+        """Return the XML element of the array, whose bytes begin at ``offset``."""
         return f'<DataArray {self.attributes} format="appended" offset="{offset}"/>'
 
     def blocks(self) -> Iterator[memoryview]:
-        """Yield the bytes in blocks."""
+        """Yield the bytes of the array in blocks."""
         rows = self.values if self.values.ndim > 1 else self.values[:, None]
         missing = np.zeros((_BLOCK // self.row, self.components - rows.shape[1]))
         for start in range(0, len(rows), len(missing)):
@@ -104,12 +104,12 @@ class StoredArray(NamedTuple):
 
     @property
     def row(self) -> int:
-        """Bytes per point or cell."""
+        """Number of bytes per point or cell."""
         return self.components * self.dtype.itemsize
 
 
 def write_document(path: Path, piece: Piece, *, compress: bool = False, tell: Tell = to_nobody) -> None:
-    """Write one piece as a VTU file, array by array.
+    """Write a VTU file array by array.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def write_document(path: Path, piece: Piece, *, compress: bool = False, tell: Te
 
 
 def stored_arrays(piece: Piece) -> Iterator[StoredArray]:
-    """Yield the arrays of a piece in storage order."""
+    """Yield the arrays of a VTU file in the order in which they are written."""
     yield StoredArray("Points", "Points", piece.points, np.dtype("<f8"), 3)
     for section, data, mark in (
         ("Cells", piece.cells, ""),
@@ -163,7 +163,7 @@ def _stored_type(values: NDArray[Any]) -> np.dtype[Any]:
 def _xml(
     piece: Piece, arrays: Sequence[StoredArray], offsets: Sequence[int], compress: bool, xml_size: int = 0
 ) -> bytes:
-    """Return everything before the array bytes, padded with spaces to ``xml_size`` bytes."""
+    """Return the XML before the binary data, padded with spaces to ``xml_size`` bytes."""
 
     def section(name: str) -> list[str]:
         elements = [a.element(offset) for a, offset in zip(arrays, offsets, strict=True) if a.section == name]
@@ -183,20 +183,20 @@ def _xml(
 
 
 def global_ids(piece: Piece, section: str) -> str:
-    """Return the attribute that declares the global ids of a section, or an empty string."""
+    """Return the XML attribute that names the array of global numbers, or an empty string without one."""
     has_ids = {"PointData": piece.point_ids, "CellData": piece.cell_ids}.get(section) is not None
     return f' GlobalIds="{IDS[section]}"' if has_ids else ""
 
 
 def _store(stream: IO[bytes], array: StoredArray) -> None:
-    """Write the number of bytes, then the bytes."""
+    """Write the bytes of an array uncompressed, after their number."""
     stream.write((len(array.values) * array.row).to_bytes(8, "little"))
     for block in array.blocks():
         stream.write(block)
 
 
 def _deflate(stream: IO[bytes], array: StoredArray) -> None:
-    """Write the number and sizes of the blocks, then the blocks."""
+    """Write the bytes of an array as compressed blocks, after the number and sizes of the blocks."""
     blocks = [zlib.compress(block, _LEVEL) for block in array.blocks()]
     whole = _BLOCK // array.row * array.row
     sizes = (len(blocks), whole, len(array.values) * array.row % whole, *map(len, blocks))
