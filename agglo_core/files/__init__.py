@@ -1,1 +1,1 @@
-"""Read files in bounded memory: regular files, array archives, MatrixMarket, numbers in text."""
+"""Read files in bounded memory: regular files, array archives, MatrixMarket files, numbers in text."""

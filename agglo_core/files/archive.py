@@ -54,7 +54,7 @@ _CORRUPT = (
 
 
 class Archive:
-    """A zip archive with arrays.
+    """An ``.npz`` archive whose arrays are read and checked one at a time.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class Archive:
         self.members = {info.filename.removesuffix(".npy"): info for info in infos}
 
     def take(self, name: str, kinds: str, shape: Shape | None, most: int | None = None) -> NDArray[Any]:
-        """Return an array whose header agrees with the archive and the expectation.
+        """Return the array with this name, of an accepted data type, shape and size.
 
         Parameters
         ----------
@@ -115,7 +115,7 @@ class Archive:
                 return _values(stream, header)
 
     def integers(self, name: str, shape: Shape) -> Int:
-        """Return an integer array as int64.
+        """Return the integer array with this name as int64.
 
         Raises FileError as :meth:`take`.
         """
@@ -145,7 +145,7 @@ class Archive:
 
 
 def read_npy(path: Path, kinds: str) -> NDArray[Any]:
-    """Read the array in a ``.npy`` file.
+    """Read the array in an ``.npy`` file.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def read_npy(path: Path, kinds: str) -> NDArray[Any]:
 
 @contextmanager
 def _name_array_in_errors(name: str) -> Iterator[None]:
-    """Convert the errors of zipfile and numpy to a FileError with the array name."""
+    """Convert exceptions of zipfile and numpy to a FileError that names the array."""
     try:
         yield
     except FileError:
@@ -181,7 +181,7 @@ class _Header(NamedTuple):
 
 
 def _header(stream: IO[bytes], size: int) -> _Header:
-    """Read an array header.
+    """Read the header of an array: shape, order and data type.
 
     Raises ValueError unless it accounts for ``size`` bytes in total.
     """
@@ -226,7 +226,7 @@ def _check(name: str, header: _Header, kinds: str, shape: Shape | None, most: in
 
 
 def _values(stream: IO[bytes], header: _Header) -> NDArray[Any]:
-    """Read the values after a header.
+    """Read the values of an array after its header.
 
     Raises ValueError if the archive holds fewer bytes.
     """

@@ -1,4 +1,4 @@
-"""Read MatrixMarket files: ``coordinate`` and ``array``, with real numbers, integers or a pattern.
+"""Read MatrixMarket files: sparse or dense matrices of real numbers or integers, and sparsity patterns.
 
 Declared sizes are compared with the file size before memory is allocated.
 
@@ -30,7 +30,7 @@ _MARK = b"\xef\xbb\xbf"  # byte order mark
 
 
 class _Header(NamedTuple):
-    """Banner words, size line, and position of the first entry."""
+    """Header of a MatrixMarket file: storage layout, number type, symmetry, sizes, offset of the data."""
 
     kind: str
     field: str
@@ -40,7 +40,7 @@ class _Header(NamedTuple):
 
 
 def read_matrix_market(path: Path, rows: int | None = None) -> Any:
-    """Read a ``coo_array``, or a dense array ``(rows, columns)`` from the layout ``array``.
+    """Read a MatrixMarket file as ``coo_array``, or as dense array if it stores all entries.
 
     Implied entries of symmetric and skew-symmetric files are filled in. Integers become int64, other numbers
     float64, pattern entries 1.
@@ -94,7 +94,7 @@ def _header(content: bytes) -> _Header:
 
 
 def _table(content: bytes, header: _Header, entries: int, width: int) -> NDArray[Any]:
-    """Read the entry lines ``(entries, width)`` if the file is long enough."""
+    """Read the lines after the header as a table ``(entries, width)``."""
     n_bytes = len(content) - header.start
     if entries * 2 * width - 1 > n_bytes:  # one digit and one separator per number
         raise FileError(f"its header declares {entries} entries, but only {n_bytes} bytes follow")
@@ -125,7 +125,7 @@ def _entries(content: bytes, header: _Header) -> sparse.coo_array:
 def _mirror_entries(
     i: NDArray[Any], j: NDArray[Any], values: NDArray[Any], symmetry: str
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Mirror all off-diagonal entries.
+    """Complete a symmetric or skew-symmetric matrix given by the entries of one triangle.
 
     Files should list one triangle only, because a pair listed on both sides would count twice.
     """
@@ -151,7 +151,7 @@ def _mirror_entries(
 
 
 def _dense(content: bytes, header: _Header) -> NDArray[Any]:
-    """Read an array stored by columns (lower triangle only, if symmetric)."""
+    """Read a dense matrix stored by columns (only the lower triangle if it is symmetric)."""
     n, m = header.sizes
     if header.symmetry == "general":
         return _table(content, header, n * m, 1).reshape(m, n).T.copy()

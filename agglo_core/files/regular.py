@@ -1,4 +1,4 @@
-"""Read regular files only, because pipes and devices may never end."""
+"""Read regular files only, because reading from pipes and devices may never end."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ def check_regular(path: Path) -> None:
 
 
 def file_bytes(path: Path) -> bytes:
-    """Read a regular file. Raises FileError or OSError."""
+    """Return the content of a regular file. Raises FileError or OSError."""
     check_regular(path)
     return path.read_bytes()
 
 
 def text_bytes(path: Path) -> bytes:
-    """Read a regular file without its UTF-8 byte order mark. Raises FileError or OSError."""
+    """Return the content of a regular file without a UTF-8 byte order mark. Raises FileError or OSError."""
     return strip_mark(file_bytes(path))
 
 
 def strip_mark(content: bytes) -> bytes:
-    """Return text without a leading byte order mark."""
+    """Remove a UTF-8 byte order mark from the beginning of a text."""
     return content.removeprefix(codecs.BOM_UTF8)

@@ -29,12 +29,12 @@ _COMMENT = re.compile(rb"#[^\n]*")
 
 
 def matrix_archive(path: Path, rows: int = 0) -> Archive:
-    """Open an archive with a limit in proportion to its size, plus one vector of ``rows`` numbers."""
+    """Open an archive whose arrays may take a multiple of its size plus one vector of ``rows`` numbers."""
     return Archive(path, _SPARE + _RATIO * path.stat().st_size + 8 * rows)
 
 
 def read_matrix(path: Path) -> Any:
-    """Read a sparse or dense matrix.
+    """Read a sparse or dense matrix from an ``.npz`` or ``.mtx`` file.
 
     Its indices are not yet checked.
 
@@ -47,7 +47,9 @@ def read_matrix(path: Path) -> Any:
 
 
 def read_vectors(path: Path, name: str, rows: int) -> NDArray[Any]:
-    """Read an array of real numbers (the array ``name`` in archives) for a matrix with ``rows`` rows.
+    """Read one or several vectors, such as right-hand sides, for a matrix with ``rows`` rows.
+
+    ``name`` is the array to read from an ``.npz`` archive.
 
     Its shape is given by the file; only MatrixMarket shapes are compared with ``rows``.
 
@@ -60,7 +62,7 @@ def read_vectors(path: Path, name: str, rows: int) -> NDArray[Any]:
 
 
 def stored_matrix(arrays: Archive) -> Any:
-    """Return the sparse matrix in an archive, in its stored format.
+    """Return the sparse matrix in an ``.npz`` archive, in the storage format declared there.
 
     Raises
     ------
@@ -90,7 +92,7 @@ def _format(arrays: Archive) -> str:
 
 
 def _shape(arrays: Archive, entries: int) -> tuple[int, int]:
-    """Return the matrix shape, which is bounded by the number of entries."""
+    """Return the declared shape of a matrix, if it is plausible for the number of nonzero entries."""
     n, m = (int(size) for size in arrays.integers("shape", (2,)))
     if not 0 <= min(n, m) <= max(n, m) <= entries + EMPTY_ROWS:
         raise FileError(f"array 'shape' is ({n}, {m}), but there are {entries} entries")
@@ -132,7 +134,7 @@ def _market_vectors(path: Path, _: str, rows: int) -> NDArray[Any]:
 
 
 def _text_vectors(path: Path, _: str, rows: int) -> NDArray[Any]:
-    """Read a number table, with comments from # to the line end."""
+    """Read a table of numbers from a text file, in which # starts a comment."""
     content = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
     if b"#" in content:
         content = _COMMENT.sub(b"", content)

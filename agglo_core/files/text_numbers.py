@@ -1,4 +1,4 @@
-"""Convert numbers in text in bulk.
+"""Convert text to arrays of numbers and back, many numbers at a time.
 
 Errors name the line and the invalid word.
 """
@@ -22,7 +22,7 @@ _LARGEST = np.iinfo(np.int64).max
 
 
 def reals(content: bytes, start: int = 0, stop: int | None = None) -> Float:
-    """Convert all numbers between two text positions.
+    """Convert the real numbers in ``content[start:stop]`` to an array.
 
     Raises
     ------
@@ -33,7 +33,7 @@ def reals(content: bytes, start: int = 0, stop: int | None = None) -> Float:
 
 
 def integers(content: bytes, start: int = 0, stop: int | None = None) -> Int:
-    """Convert all integers between two text positions.
+    """Convert the integers in ``content[start:stop]`` to an array.
 
     Raises FileError as :func:`reals`.
     """
@@ -44,7 +44,7 @@ def integers(content: bytes, start: int = 0, stop: int | None = None) -> Int:
 
 
 def number_rows(content: bytes, start: int, width: int, dtype: type = np.float64) -> NDArray[Any]:
-    """Read a table ``(rows, width)`` from the non-blank lines after a position.
+    """Read a table ``(rows, width)`` from the non-blank lines of a text.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def number_rows(content: bytes, start: int, width: int, dtype: type = np.float64
 
 
 def _check_widths(content: bytes, start: int, stop: int, width: int, count: int) -> None:
-    """Raise FileError unless each non-blank line has ``width`` words, ``count`` words in total."""
+    """Raise FileError unless each non-blank line has ``width`` words, and all lines have ``count``."""
     codes = np.frombuffer(content, np.uint8, stop - start, start)
     word = codes > ord(" ")
     word[1:] &= ~word[:-1]  # starts of words; the right side is a copy
@@ -94,7 +94,7 @@ def _check_widths(content: bytes, start: int, stop: int, width: int, count: int)
 
 
 def words_per_line(text: bytes) -> Int:
-    """Return the number of words in each non-blank line."""
+    """Return the number of words in each non-blank line of a text."""
     codes = np.frombuffer(text, np.uint8)
     word = codes > ord(" ")
     begins = np.flatnonzero(word & np.concatenate(([True], ~word[:-1])))
@@ -104,7 +104,7 @@ def words_per_line(text: bytes) -> Int:
 
 
 def line_of(content: bytes, place: int) -> int:
-    """Return the line number of a position, from 1."""
+    """Return the number of the line (from 1) that contains the byte with index ``place``."""
     return content.count(b"\n", 0, place) + 1
 
 
@@ -135,7 +135,7 @@ def _parse(text: bytes, dtype: type) -> NDArray[Any]:
 
 
 def _error(content: bytes, start: int, stop: int, dtype: type) -> FileError:
-    """Return the error for the first line with an invalid word."""
+    """Create the error message for the first word in ``content[start:stop]`` that is not a number."""
     first = line_of(content, start)
     for number, line in enumerate(content[start:stop].split(b"\n"), first):
         for word in line.split():
@@ -149,7 +149,7 @@ def _error(content: bytes, start: int, stop: int, dtype: type) -> FileError:
 
 
 def real_lines(rows: ArrayLike, prefix: str = "") -> str:
-    """Format each row ``(n, k)`` as a line, with enough digits for an exact round trip."""
+    """Format each row of a table ``(n, k)`` as a text line, with digits for an exact round trip."""
     table = np.asarray(rows, np.float64)
     line = prefix + " ".join(["%r"] * table.shape[1]) + "\n"
     parts = [table[i : i + _LINES] for i in range(0, len(table), _LINES)]
@@ -157,7 +157,7 @@ def real_lines(rows: ArrayLike, prefix: str = "") -> str:
 
 
 def integer_lines(offsets: Int, values: Int, forms: Sequence[str] = ()) -> str:
-    """Format each row ``values[offsets[i]:offsets[i + 1]]`` of a CSR as a line.
+    """Format each row ``values[offsets[i]:offsets[i + 1]]`` of a CSR as a text line.
 
     Parameters
     ----------
