@@ -1,4 +1,4 @@
-"""Convert meshes, graphs and levels to objects of other packages, and back.
+"""Convert meshes, graphs and levels to objects and files of other packages, and back.
 
 Each function imports the other package when it is called.
 

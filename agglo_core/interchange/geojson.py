@@ -86,7 +86,7 @@ def to_geojson(
 
 
 def _agglomerates(hierarchy: Hierarchy | None, level: int) -> tuple[Mesh, dict[str, NDArray[Any]]]:
-    """Return the mesh of a level, and its tags and data per agglomerate."""
+    """Return the coarse mesh of a level, and its tags and data per agglomerate."""
     count = 0 if hierarchy is None else len(hierarchy.levels)
     if hierarchy is None or not 0 <= level < count:
         raise OptionError(f"to_geojson: level {level!r} does not exist; the hierarchy has {count} levels")
@@ -97,7 +97,7 @@ def _agglomerates(hierarchy: Hierarchy | None, level: int) -> tuple[Mesh, dict[s
 
 
 def _plain(name: str, values: ArrayLike, count: int) -> list[Any]:
-    """Return ``(count,)`` numbers as a list, with None for non-finite values."""
+    """Convert ``count`` numbers to a list for JSON, with None for infinities and NaN."""
     array = plain_array(values, f"property {name!r}")
     if array.shape != (count,) or array.dtype.kind not in "iubf":
         raise MeshError(
@@ -154,7 +154,7 @@ def from_geojson(collection: Mapping[str, Any], *, tolerance: float = 0.0, stric
 
 
 def _geometries(members: Iterable[Any]) -> Any:
-    """Return shapely geometries, or raise MeshError with the feature number."""
+    """Convert GeoJSON geometries to shapely geometries."""
     import shapely
 
     texts = [_text(i, member) for i, member in enumerate(members)]
@@ -178,7 +178,7 @@ def _text(i: int, member: Any) -> str:
 
 
 def _tags(rows: Sequence[Mapping[str, Any]]) -> dict[str, ArrayLike]:
-    """Return the columns that are 64-bit integers in every row."""
+    """Return the properties that are 64-bit integers in every feature as tags."""
     first = rows[0] if rows else {}
     tags: dict[str, ArrayLike] = {
         name: np.array([row[name] for row in rows], dtype=np.int64)

@@ -18,7 +18,7 @@ from agglo_core.mesh.elements import gather
 
 
 class _Head(NamedTuple):
-    """Header counts, and the values per vertex line before the neighbours."""
+    """First line of a METIS graph file: counts, and the layout of the line of each vertex."""
 
     vertices: int
     edges: int
@@ -28,7 +28,7 @@ class _Head(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """Neighbours of each vertex as CSR, and weights if present."""
+    """Neighbours of each vertex as CSR, with edge and vertex weights if the file has any."""
 
     indptr: Int
     indices: Int
@@ -37,7 +37,7 @@ class _Rows(NamedTuple):
 
 
 def graph_from_metis(path: str | Path, coordinates: ArrayLike | str | Path) -> Graph:
-    """Read a ``.graph`` file with its vertex and edge weights, if any.
+    """Read a graph from a ``.graph`` file, with its vertex and edge weights, if any.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def graph_from_metis(path: str | Path, coordinates: ArrayLike | str | Path) -> G
 
 
 def _numbers(content: bytes) -> tuple[Int, Int]:
-    """Return all numbers of a text, and their number per line, without comments."""
+    """Return all numbers in a text without comments, and how many of them are in each line."""
     lines = content.split(b"\n")
     comments = [i for i, line in enumerate(lines) if line.lstrip().startswith(b"%")]
     for i in comments:
@@ -102,7 +102,7 @@ def _head(line: Int) -> _Head:
 
 
 def _vertex_lines(words: Int, n: int) -> Int:
-    """Return the word counts of the vertex lines.
+    """Return how many numbers are in the line of each vertex.
 
     Blank lines after the last vertex are ignored.
     """
@@ -114,7 +114,7 @@ def _vertex_lines(words: Int, n: int) -> Int:
 
 
 def _rows(head: _Head, numbers: Int, words: Int) -> _Rows:
-    """Decode neighbours and weights of consecutive lines with these word counts."""
+    """Decode neighbours and weights from the lines of all vertices."""
     first, step = head.sizes + head.weights, 1 + head.by_edge
     counts = words - first
     if (counts < 0).any() or (counts % step).any() or counts.sum() != 2 * head.edges * step:
@@ -151,7 +151,7 @@ def _coordinates(source: ArrayLike | str | Path, n: int) -> ArrayLike:
 
 
 def places_of(numbers: Float, n: int) -> Float:
-    """Return vertex coordinates ``(n, 2 or 3)`` from consecutive numbers.
+    """Convert consecutive numbers to vertex coordinates ``(n, 2 or 3)``.
 
     Raises FileError.
     """
@@ -167,7 +167,7 @@ def places_of(numbers: Float, n: int) -> Float:
 
 
 def parts_from_metis(path: str | Path) -> Int:
-    """Read labels from a ``.part.K`` file, one part per vertex.
+    """Read a partition from a ``.part.K`` file, one part number per vertex.
 
     Raises FileError.
 

@@ -17,7 +17,7 @@ _SCALE = 10_000  # largest integer weight after scaling
 
 
 def graph_to_metis(path: str | Path, graph: Graph) -> None:
-    """Write a graph with vertex weights and interfaces as integers up to 10,000.
+    """Write a graph to a METIS file, with vertex weights and interfaces scaled to integers up to 10,000.
 
     The file ``PATH.xyz`` beside it holds the centroids, one line per vertex, for ParMETIS and Chaco.
 
@@ -44,14 +44,14 @@ def graph_to_metis(path: str | Path, graph: Graph) -> None:
 
 
 def _scaled_integers(values: ArrayLike) -> Int:
-    """Return positive integers approximately proportional to the values."""
+    """Round values to positive integers after scaling the largest to 10,000."""
     array = np.asarray(values, np.float64)
     largest = float(array.max(initial=0.0))
     return frozen_int(np.maximum(1, np.rint(array * (_SCALE / largest)) if largest > 0 else 1))
 
 
 def parts_to_metis(path: str | Path, hierarchy: Hierarchy) -> list[Path]:
-    """Write the labels of each level as ``PATH.part.K`` with K parts, and return the files.
+    """Write the labels of each level to ``PATH.part.K`` with K parts, and return the file paths.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Convert graphs to networkx graphs and back, with all arrays."""
+"""Convert agglo's graphs to networkx graphs and back, with all node and edge data."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def graph_from_networkx(
     boundary: str = "boundary",
     data: Iterable[str] | None = None,
 ) -> Graph:
-    """Convert a networkx graph, with nodes numbered in the order of ``network.nodes``.
+    """Convert a networkx graph to agglo's graph, with nodes numbered in the order of ``network.nodes``.
 
     Results of :func:`graph_to_networkx` are restored bit by bit, with neighbours in ascending order. Other
     graphs need centroids only: interfaces and measures default to 1, weights to the measures, boundaries to
@@ -135,7 +135,7 @@ def graph_from_networkx(
 
 
 def _column(nodes: Mapping[Any, Mapping[str, Any]], name: str, dtype: str | None) -> NDArray[Any] | None:
-    """Return an attribute of all nodes as an array, or None if no node has it.
+    """Collect an attribute of all nodes in an array, or return None if no node has it.
 
     Raises MeshError if only some nodes have it.
     """
@@ -151,7 +151,7 @@ def _column(nodes: Mapping[Any, Mapping[str, Any]], name: str, dtype: str | None
 
 
 def _data(nodes: Mapping[Any, Mapping[str, Any]], name: str, dtype: str | None) -> NDArray[Any]:
-    """Return data in the given dtype, else as integers if possible, else as reals."""
+    """Collect a node attribute in an array of the given dtype, by default integers or else reals."""
     whole = all(isinstance(attributes.get(name), int) for attributes in nodes.values())
     values = _column(nodes, name, dtype or ("i8" if whole else "f8"))
     if values is None:
@@ -160,7 +160,10 @@ def _data(nodes: Mapping[Any, Mapping[str, Any]], name: str, dtype: str | None) 
 
 
 def _adjacency(network: nx.Graph, name: str) -> sparse.csr_array[Any, Any]:
-    """Return the symmetric CSR of the interfaces (1 if no edge has one), with parallel edges summed."""
+    """Return the symmetric CSR matrix of edge weights, by default 1.
+
+    The weights of parallel edges are added.
+    """
     number = {node: i for i, node in enumerate(network)}
     edges = [(number[a], number[b], value) for a, b, value in network.edges(data=name)]
     lacking = [edge for edge in edges if edge[2] is None]
@@ -178,7 +181,7 @@ def _adjacency(network: nx.Graph, name: str) -> sparse.csr_array[Any, Any]:
 
 
 def _geometry(network: nx.Graph, nodes: Mapping[Any, Mapping[str, Any]], centroids: Float) -> dict[str, Any]:
-    """Return coordinates, cell vertices and blocks, stored or derived from the centroids."""
+    """Return points and vertices of the cells, or each centroid as only vertex if none are stored."""
     n, d = centroids.shape
     stored = network.graph
     # Other graphs: each node has its centroid as its only vertex.

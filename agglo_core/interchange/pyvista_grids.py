@@ -1,4 +1,4 @@
-"""Convert to pyvista, with the grid that ParaView opens."""
+"""Convert meshes to pyvista, as the same grid that ParaView shows for agglo's files."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ _HEAD = 5  # header length: version, vertices, arcs, base, flags
 
 
 def graph_from_scotch(path: str | Path, coordinates: ArrayLike | str | Path) -> Graph:
-    """Read a ``.grf`` or ``.src`` file with its vertex and edge loads, if any.
+    """Read a graph from a ``.grf`` or ``.src`` file, with its vertex and edge weights (loads), if any.
 
     Parameters
     ----------
@@ -71,7 +71,8 @@ def graph_from_scotch(path: str | Path, coordinates: ArrayLike | str | Path) -> 
 
 
 def _head(numbers: Int) -> tuple[int, int, int, int, int]:
-    """Return number of vertices, first number, and flags for names, edge loads and vertex loads."""
+    """Return the number of vertices, the first vertex number, and flags for names and both kinds of weights.
+    """
     head = numbers[:_HEAD].tolist()
     if len(head) < _HEAD or head[0] != 0:
         raise FileError(f"begins with {head}, expected 0, the numbers of vertices and arcs, base and flags")
@@ -86,7 +87,7 @@ def _head(numbers: Int) -> tuple[int, int, int, int, int]:
 def _rows(
     numbers: Int, n: int, has_names: int, has_loads: int, has_weights: int
 ) -> tuple[Int, Int, Int, Int, Int]:
-    """Return vertex names, vertex loads, and the neighbours as CSR with edge loads."""
+    """Return vertex names, vertex weights, and the neighbours as CSR with edge weights."""
     stream, n_before, step = numbers[_HEAD:], has_names + has_loads, 1 + has_weights
 
     def ends(window: Int) -> Int:
@@ -138,7 +139,7 @@ def _places(source: ArrayLike | str | Path, n: int, base: int) -> ArrayLike:
 
 
 def parts_from_scotch(path: str | Path, *, base: int = 0) -> Int:
-    """Read labels ``(n,)`` from a ``.map`` file.
+    """Read a partition ``(n,)`` from a ``.map`` file.
 
     It holds the number of vertices, then a vertex and its part per line.
 

@@ -28,7 +28,7 @@ _POLYGON, _MULTIPOLYGON = 3, 6  # shapely.GeometryType
 
 
 class _Rings(NamedTuple):
-    """Rings with the cell on their left.
+    """Closed rings of vertices, oriented so that their cell lies on the left.
 
     Ring r of cell ``cells[r]`` is ``vertices[offsets[r]:offsets[r + 1]]``.
     """
@@ -39,18 +39,18 @@ class _Rings(NamedTuple):
 
     @property
     def owners(self) -> Int:
-        """Ring of each vertex."""
+        """Index of the ring to which each vertex belongs."""
         return frozen_int(np.repeat(np.arange(len(self.cells)), np.diff(self.offsets)))
 
     @property
     def followers(self) -> Int:
-        """Next vertex along the ring for each vertex."""
+        """For each vertex the next vertex along its ring."""
         place = np.arange(1, len(self.vertices) + 1)
         place[self.offsets[1:] - 1] = self.offsets[:-1]
         return frozen_int(self.vertices[place])
 
     def with_vertices(self, vertices: ArrayLike, owners: ArrayLike) -> _Rings:
-        """Return the rings with other vertices, given with their (ascending) ring numbers."""
+        """Replace all vertices of the rings, given the (ascending) ring index of each new vertex."""
         count = np.bincount(np.asarray(owners), minlength=len(self.cells))
         return _Rings(frozen_int(np.concatenate(([0], np.cumsum(count)))), frozen_int(vertices), self.cells)
 
@@ -132,7 +132,7 @@ def mesh_from_shapely(
 
 
 def _check_items(polygons: Any) -> NDArray[np.object_]:
-    """Return the polygons as an object array, or raise MeshError with the first invalid item."""
+    """Check that all items are valid, non-empty polygons, and return them as an object array."""
     import shapely
 
     if isinstance(polygons, shapely.Geometry):
@@ -162,7 +162,7 @@ def _check_items(polygons: Any) -> NDArray[np.object_]:
 
 
 def _rings(items: NDArray[np.object_]) -> tuple[Float, _Rings]:
-    """Return a point per ring vertex, and the rings: shells counter-clockwise, holes clockwise."""
+    """Return the corner points and rings of all polygons: shells counter-clockwise, holes clockwise."""
     import shapely
 
     solid = shapely.has_z(items)
@@ -184,7 +184,7 @@ def _rings(items: NDArray[np.object_]) -> tuple[Float, _Rings]:
 
 
 def _merge_near(points: Float, rings: _Rings, reach: float) -> tuple[_Rings, int]:
-    """Merge vertices closer than ``reach``, and return the number of superfluous points."""
+    """Merge vertices closer than ``reach``, and return also the number of points removed."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -206,7 +206,7 @@ def _merge_near(points: Float, rings: _Rings, reach: float) -> tuple[_Rings, int
 
 
 def _insert_hanging(points: Float, rings: _Rings, reach: float) -> tuple[_Rings, int]:
-    """Insert unlisted vertices into ring edges, and count them.
+    """Insert vertices of neighbours that lie on the edges of a ring (hanging vertices), and count them.
 
     Only edges that no neighbour traverses in the opposite direction can lack a vertex.
     """
@@ -232,7 +232,7 @@ def _insert_hanging(points: Float, rings: _Rings, reach: float) -> tuple[_Rings,
 
 
 def _faces(rings: _Rings, points: Float, items: NDArray[np.object_]) -> tuple[Int, Int, int]:
-    """Return face vertices, face cells, and the number of cell pairs that overlap at an edge."""
+    """Match the edges of all rings, and return face vertices, face cells, and the number of overlaps."""
     import shapely
 
     from agglo_core.mesh.kernels.faces import match_half_edges
@@ -256,7 +256,7 @@ def _faces(rings: _Rings, points: Float, items: NDArray[np.object_]) -> tuple[In
 
 
 def _check_result(mesh: Mesh, strict: bool) -> None:
-    """Raise MeshError unless all cells have positive area and (strict) do not overlap."""
+    """Raise MeshError if a cell has no area or, if ``strict``, overlaps another cell."""
     flat = np.flatnonzero(~(mesh.cell_measures > 0))
     if len(flat):
         raise MeshError(f"{name_cells(flat)}: zero area")

@@ -49,7 +49,7 @@ def mesh_to_shapely(mesh: Mesh) -> Geometries:
 
 
 def _linear_rings(mesh: Mesh, loops: Loops) -> Geometries:
-    """Return a closed ring per boundary loop."""
+    """Convert each boundary loop to a closed shapely ring."""
     import shapely
 
     offsets, vertices = loops.loop_offsets, loops.vertices
@@ -60,7 +60,7 @@ def _linear_rings(mesh: Mesh, loops: Loops) -> Geometries:
 
 
 def _shell_of(rings: Geometries, hole: NDArray[np.bool_], cell: Int, n_cells: int) -> Int:
-    """Return each loop's shell: itself, or for holes the smallest enclosing outer loop of the cell."""
+    """Return for each loop the outer loop around it: itself, or for holes the smallest that encloses it."""
     import shapely
 
     shells, holes = np.flatnonzero(~hole), np.flatnonzero(hole)
@@ -82,7 +82,7 @@ def _shell_of(rings: Geometries, hole: NDArray[np.bool_], cell: Int, n_cells: in
 
 
 def _group_by_cell(parts: Geometries, cell: Int, n_cells: int) -> Geometries:
-    """Group polygons by cell (ascending): single polygons unchanged, several as a MultiPolygon."""
+    """Return one geometry per cell: its polygon, or a MultiPolygon if it has several."""
     import shapely
 
     count = np.bincount(cell, minlength=n_cells)
