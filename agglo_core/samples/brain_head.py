@@ -60,7 +60,7 @@ def brain3d(mm: float = 4.0) -> Mesh:
 
 
 def _resample_tissue(fine: Int, low: Float, mm: float) -> tuple[Int, Float]:
-    """Resample the tissue to voxels with edge ``mm``, by volume shares.
+    """Resample the tissue image to voxels with edge ``mm``, each with its predominant tissue by volume.
 
     Also returns the grid origin in units of ``mm``. One voxel lies across the middle plane, about which the
     template is symmetric.
@@ -73,7 +73,7 @@ def _resample_tissue(fine: Int, low: Float, mm: float) -> tuple[Int, Float]:
 
 
 def _overlaps(start: float, n: int, mm: float) -> tuple[Float, float]:
-    """Return the overlap of each voxel with the n fine voxels from ``start`` on, and the first edge."""
+    """Return the overlap lengths of coarse and fine voxels along an axis, and the first coarse edge."""
     ends = np.array([start, start + n * _EDGE]) / mm
     edges = np.arange(np.floor(ends[0] - 0.5), np.ceil(ends[1] + 0.5) + 1.0) + 0.5
     fine = (start + _EDGE * np.arange(n + 1)) / mm
@@ -82,7 +82,7 @@ def _overlaps(start: float, n: int, mm: float) -> tuple[Float, float]:
 
 
 def _replace_specks(tissue: Int) -> Int:
-    """Replace small tissue pieces by the predominant tissue of the adjacent voxels."""
+    """Replace small connected regions of a tissue by the predominant tissue around them."""
     from scipy.ndimage import convolve, label
 
     cross = np.zeros((3, 3, 3), int)
@@ -101,7 +101,7 @@ def _replace_specks(tissue: Int) -> Int:
 
 
 def _largest_piece(tissue: Int) -> Int:
-    """Return the largest connected piece of the filled voxels."""
+    """Keep only the largest connected component of the nonzero voxels."""
     from scipy.ndimage import label
 
     pieces = label(tissue > 0)[0]
@@ -109,7 +109,7 @@ def _largest_piece(tissue: Int) -> Int:
 
 
 def _cubes(voxels: Int) -> tuple[Float, Int]:
-    """Return the points and the corners ``(n, 8)`` of unit cubes at ``(n, 3)``, in VTK order."""
+    """Return points and corners ``(n, 8)`` of the unit cubes at integer positions, in VTK order."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     corners = np.concatenate((corners, corners + np.array([0, 0, 1])))
     places = (voxels[:, None] + corners).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Samples by name and by text, from this package and from plugins."""
+"""Create sample meshes by name or text, from this package and from plugins."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from agglo_core.registry.options import Option, options_of
 
 
 def names(registry: Registry | None = None) -> list[str]:
-    """Return the names of the usable samples, agglo's own first.
+    """Return the names of all samples that can be used, agglo's own before those of plugins.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def from_spec(spec: str, registry: Registry | None = None) -> Mesh:
 
 
 def _parse_options(spec: str, option_text: str, accepted: Sequence[Option]) -> dict[str, Text]:
-    """Return the options of a text as typed."""
+    """Split ``option=value,…`` into options, without conversion of the values."""
     options: dict[str, Text] = {}
     items = [item.strip() for item in option_text.split(",") if item.strip()]
     for position, item in enumerate(items):

@@ -55,7 +55,7 @@ def voronoi(n: int, seed: int = 0) -> Mesh:
 
 
 def delaunay_mesh(interior: Float, name: str) -> Mesh:
-    """Return a Delaunay mesh of the unit square with the points ``(n, 2)``.
+    """Return a Delaunay triangulation of the unit square with the interior points ``(n, 2)``.
 
     Each side has about √(n/2) segments.
     """
@@ -98,7 +98,10 @@ def voronoi_mesh(seeds: Float, name: str) -> Mesh:
 
 
 def _cell_corners(seeds: Float, near: float) -> tuple[Float, Float]:
-    """Return the cell corners ``(c, 2)`` and their cells, with mirrored seeds within ``near`` of a side."""
+    """Return the corners ``(c, 2)`` of all Voronoi cells, and the cell of each.
+
+    Seeds within ``near`` of a side are mirrored there, so that the side bounds their cells.
+    """
     from scipy.spatial import Voronoi
 
     # 1. Mirror the seeds near each side.
@@ -120,7 +123,7 @@ def _cell_corners(seeds: Float, near: float) -> tuple[Float, Float]:
 
 
 def merge_close(corners: Float) -> tuple[Float, Float]:
-    """Merge corners within ``_SNAP``.
+    """Merge points closer than ``_SNAP``.
 
     Returns the distinct points and each corner's point number.
     """

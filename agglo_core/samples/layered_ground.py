@@ -54,7 +54,7 @@ def layered(n: int = 24) -> Mesh:
 
 
 def _bend_grid(counts: tuple[int, ...]) -> Float:
-    """Return the points of the bent grid, x fastest.
+    """Return the points of a Cartesian grid bent along the rock layers, with x varying fastest.
 
     Lines along z lean like the faults. The lift is a function of x plus a function of y, so all faces are
     plane: parallelograms, and trapezia in the planes of constant y.
@@ -68,7 +68,7 @@ def _bend_grid(counts: tuple[int, ...]) -> Float:
 
 
 def _corners(counts: tuple[int, ...], i: Int, j: Int, k: Int) -> Int:
-    """Return the corners ``(n, 8)`` of the hexahedra at these positions, in VTK order."""
+    """Return the corners ``(n, 8)`` of the hexahedra with grid indices (i, j, k), in VTK order."""
     row, sheet = counts[0] + 1, (counts[0] + 1) * (counts[1] + 1)
     step = np.array([0, 1, row + 1, row])
     corners: Int = (i + j * row + k * sheet)[:, None] + np.concatenate((step, step + sheet))
@@ -76,7 +76,7 @@ def _corners(counts: tuple[int, ...], i: Int, j: Int, k: Int) -> Int:
 
 
 def _plane_numbers(mesh: Mesh, counts: tuple[int, ...], axis: int, places: list[int]) -> Int:
-    """Return 1 for faces on the first of these grid planes, 2 on the second, else 0."""
+    """Return 1 for faces on the first of the given grid planes, 2 on the second, 0 elsewhere."""
     place: Int = np.unravel_index(mesh.face_vertices.reshape(-1, 4), [n + 1 for n in reversed(counts)])[
         2 - axis
     ]

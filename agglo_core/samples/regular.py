@@ -10,7 +10,7 @@ from agglo_core.mesh import Mesh
 
 
 def check_size(value: object, least: int, option: str, sample: str, power: int = 1) -> int:
-    """Return ``value`` as an int of at least ``least``, or raise OptionError.
+    """Return ``value`` as an int if it is an integer of at least ``least``, otherwise raise OptionError.
 
     The error names the option and the sample. ``value ** power`` is approximately the number of cells, which
     must be less than 2³¹. A ``power`` of 0 means that the value is not a size.
@@ -24,7 +24,7 @@ def check_size(value: object, least: int, option: str, sample: str, power: int =
 
 
 def _lattice(nx: int, ny: int) -> tuple[Float, Int]:
-    """Return integer points of an nx × ny grid, and its squares ``(nx·ny, 4)``.
+    """Return the integer points of an nx × ny grid and the corners ``(nx·ny, 4)`` of its squares.
 
     Squares are counter-clockwise, row by row.
     """

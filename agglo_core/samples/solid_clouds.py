@@ -108,21 +108,21 @@ def voronoi3d(n: int, seed: int = 0) -> Mesh:
 
 
 def _turn(loop: Float) -> Float:
-    """Return the area vector ``(3,)`` of a loop (right-hand rule)."""
+    """Return the area vector ``(3,)`` of a closed polygon by the right-hand rule."""
     spokes = loop[1:] - loop[0]
     vector: Float = np.cross(spokes[:-1], spokes[1:]).sum(axis=0)
     return vector
 
 
 def _drop_unused_points(cells: list[list[list[int]]]) -> tuple[Int, list[list[list[int]]]]:
-    """Return the points used by cells, and the cells with renumbered points."""
+    """Remove points that no cell uses, and renumber the points of the cells."""
     used = np.unique([v for cell in cells for loop in cell for v in loop])
     place = dict(zip(used.tolist(), range(len(used)), strict=True))
     return used, [[[place[v] for v in loop] for loop in cell] for cell in cells]
 
 
 def _drop_close_points(points: Float, distance: float) -> Float:
-    """Drop points that are too close to an earlier kept point."""
+    """Remove each point closer than ``distance`` to an earlier point that is kept."""
     from scipy.spatial import cKDTree
 
     pairs = cKDTree(points).query_pairs(distance, output_type="ndarray")

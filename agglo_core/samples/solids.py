@@ -93,7 +93,7 @@ def prisms(n: int, layers: int = 0, seed: int = 0) -> Mesh:
 
 
 def _cubes(n: int) -> tuple[Float, Int]:
-    """Return points and corners ``(n³, 8)`` of the cubes.
+    """Return points and corners ``(n³, 8)`` of the n³ cubes in the unit cube.
 
     The bits 1, 2, 4 of a corner's position are x, y, z.
     """
