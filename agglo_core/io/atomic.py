@@ -82,7 +82,7 @@ def staging(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def new_folders(folders: Iterable[Path]) -> Iterator[None]:
-    """Create missing folders for the duration of a block, and keep them if the block succeeds.
+    """Create missing folders for files that the ``with`` block moves into them.
 
     If the block fails, remove the new folders that are still empty.
     """

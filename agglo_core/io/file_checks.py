@@ -43,7 +43,7 @@ def read_by(known: KnownFormat, path: Path) -> Mesh:
 
 
 def read_hierarchy_by(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
-    """Read a mesh and its hierarchy with the given format, by default from tags ``level_0``, ….
+    """Read a mesh and its hierarchy, from tags ``level_0``, … if the format stores no hierarchies.
 
     Raises as :func:`read_by`.
     """

@@ -185,8 +185,7 @@ class Formats:
         return KnownFormat(record, tool, _declared_suffixes(record) or _suffixes_of(tool, describe(record)))
 
     def _unknown(self, path: Path, *, writing: bool) -> FileError:
-        """Create the error for a file of unknown format, which also names all unusable formats and plugins.
-        """
+        """Create the error for a file of unknown format, with a list of unusable formats and plugins."""
         problem = f"unknown suffix {path.suffix!r}" if path.suffix else "no suffix"
         explanation = None if writing else why_unread(path)
         problem = explanation or problem

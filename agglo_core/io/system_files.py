@@ -1,4 +1,4 @@
-"""Read and write linear systems as ``.npz`` or MatrixMarket files, without loss except the mesh.
+"""Read and write linear systems (without the mesh) losslessly, as ``.npz`` or MatrixMarket files.
 
 An ``.npz`` holds the CSR arrays ``data, indices, indptr`` of A, ``b``, ``block_offsets`` and, if present,
 ``near_null``. MatrixMarket files hold one matrix each: ``name.mtx`` is A, ``name_b.mtx`` is b,

@@ -160,7 +160,7 @@ def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
 
 
 def _copy_unmarked(path: Path, folder: str) -> Path:
-    """Return the path, or a copy without the byte order mark at the beginning of the file.
+    """Return the path, or a copy in ``folder`` without the byte order mark that begins the file.
 
     XML parsers accept the mark, so XML files are not copied. TetGen's pair of files is copied together.
     """
@@ -191,7 +191,7 @@ def _load(target: str) -> tuple[Soup, set[str], list[str]]:
 
 
 def _note_sets(mesh: Mesh, sets: set[str]) -> None:
-    """Log the names of cell and face sets, which commands and functions can refer to."""
+    """Log the names and sizes of the cell and face sets in a file."""
     for entity, tags in (("cells", mesh.cell_tags), ("faces", mesh.face_tags)):
         descriptions = [f"{name} ({(values == 1).sum():,})" for name, values in tags.items() if name in sets]
         if descriptions:

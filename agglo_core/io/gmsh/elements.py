@@ -45,7 +45,7 @@ _SHAPES = {  # dimension, VTK type
 
 
 def _node_count(shape: str, p: int) -> int:
-    """Return the number of nodes of the Lagrange element of order p."""
+    """Return the number of nodes of the complete Lagrange element of order p."""
     triangle, square = (p + 1) * (p + 2) // 2, (p + 1) ** 2
     return {
         "line": p + 1,

@@ -167,7 +167,7 @@ def _write_elements(stream: TextIO, points: Float, parts: list[_Elements]) -> No
 
 
 def _blocks(part: _Elements, entity: NDArray[Any], first: int) -> Iterator[str]:
-    """Yield the text of element blocks: consecutive elements with equal entity and type."""
+    """Yield blocks of consecutive elements with equal entity and type, as text in the original order."""
     turns = np.flatnonzero((np.diff(entity) != 0) | (np.diff(part.types) != 0)) + 1
     for a, b in pairwise([0, *turns.tolist(), len(entity)]):
         size = int(part.offsets[a + 1] - part.offsets[a])

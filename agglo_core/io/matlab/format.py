@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Matlab(Compressing):
-    """MATLAB variables: ``region`` of lymph, or ``node`` and ``elem`` of mVEM.
+    """MATLAB files with the variable ``region`` of lymph, or ``node`` and ``elem`` of mVEM.
 
     Both are written.
 
@@ -41,7 +41,7 @@ class Matlab(Compressing):
         return read_matlab(path, **self.reading)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write the mesh, its tags and labels, and each coarse mesh beside it.
+        """Write the mesh, its tags and labels, and each coarse mesh to a file beside it.
 
         Raises an AggloError.
         """

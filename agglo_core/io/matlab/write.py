@@ -38,7 +38,7 @@ _OUTSIDE = 2  # lymph's tag of an outer edge without further information
 
 
 def write_matlab(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress: bool) -> None:
-    """Write a mesh with its tags and labels, and each coarse mesh beside it.
+    """Write a mesh with its tags and labels, and each coarse mesh to a file beside it.
 
     A 2-D mesh is written as ``node`` and ``elem`` and as ``region`` and ``neighbor``, a 3-D mesh as ``node3``
     and ``elem3``. Both are also written as MRST's ``G``, with ``CG_0``, … for the levels. Points, cells and

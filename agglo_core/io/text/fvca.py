@@ -72,7 +72,7 @@ class Fvca(Reading):
         )
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write a 2-D mesh with its tags and labels, and each coarse mesh beside it.
+        """Write a 2-D mesh with its tags and labels, and each coarse mesh to a file beside it.
 
         Raises
         ------

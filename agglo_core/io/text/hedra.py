@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 
 
 class Hedra(Reading):
-    """Points, faces, and polyhedra as lists of face numbers, negative if a face is seen from inside."""
+    """Files ``.hedra``: points, faces, and polyhedra as lists of face numbers.
+
+    The number of a face seen from inside the polyhedron is negative.
+    """
 
     lossless: bool = False
 
@@ -68,7 +71,7 @@ class Hedra(Reading):
         )
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write a 3-D mesh with its tags and labels, and each coarse mesh beside it.
+        """Write a 3-D mesh with its tags and labels, and each coarse mesh to a file beside it.
 
         Raises
         ------

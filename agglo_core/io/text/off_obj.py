@@ -68,7 +68,7 @@ class Off(Reading):
         return _mesh(path, content, *rows, self.reading)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write a 2-D mesh with its tags and labels, and each coarse mesh beside it.
+        """Write a 2-D mesh with its tags and labels, and each coarse mesh to a file beside it.
 
         Raises
         ------
@@ -159,7 +159,7 @@ class Obj(Reading):
         return _mesh(path, content, points, (offsets, frozen_int(vertices)), self.reading)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write a 2-D mesh with its tags and labels, and each coarse mesh beside it.
+        """Write a 2-D mesh with its tags and labels, and each coarse mesh to a file beside it.
 
         Raises
         ------

@@ -83,7 +83,7 @@ class Ovm(Reading):
         )
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write a 3-D mesh with its tags and labels, and each coarse mesh beside it.
+        """Write a 3-D mesh with its tags and labels, and each coarse mesh to a file beside it.
 
         Raises
         ------

@@ -222,7 +222,7 @@ class Ply(Reading):
         return note_left_out(mesh, [name for name, values in rows.items() if values.dtype.kind == "f"])
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write a 2-D mesh with its tags and labels, and each coarse mesh beside it.
+        """Write a 2-D mesh with its tags and labels, and each coarse mesh to a file beside it.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Convert polygons with holes to single loops, joined by edges that are traversed twice.
+"""Convert polygons with holes to single closed loops of vertices.
 
 A bridge edge, traversed both ways, joins two boundary loops.
 """

@@ -19,7 +19,7 @@ _TAG = "agglo_face_tag "
 
 
 class ListedFaces(NamedTuple):
-    """Faces whose value of some tag is not the most common one, given by their points."""
+    """Faces given by their points, in files of agglo: those with an uncommon value of some tag."""
 
     cells: Int  # (k,) smaller number of the adjacent cells
     offsets: Int  # (k + 1,)

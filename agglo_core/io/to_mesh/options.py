@@ -1,4 +1,4 @@
-"""Reading options that all formats share which build meshes from points and cells."""
+"""Options for reading, shared by all formats that build meshes from points and cells."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ def write_levels(
     hierarchy: Hierarchy | None,
     write: Callable[[Path, Mesh, Mapping[str, Int]], None],
 ) -> None:
-    """Write a mesh with its tags and labels, and each coarse mesh beside it as ``NAME_level0.SUFFIX``, ….
+    """Write a mesh with its tags and labels, and each coarse mesh to ``NAME_level0.SUFFIX``, ….
 
     A coarse mesh that the format cannot hold (agglomerates with holes) is skipped with a warning; the labels
     contain the same information.

@@ -107,7 +107,10 @@ def _plane(mesh: Mesh) -> Cells:
 
 
 def _is_convex(corners: Float) -> Mask:
-    """Return a mask ``(q,)`` of the convex ones among quadrilaterals ``(q, 4, d)``."""
+    """Return a mask ``(q,)`` of the convex ones among quadrilaterals ``(q, 4, d)``.
+
+    Convexity is measured with respect to the area vector.
+    """
     a, b, c, d = (corners[:, k] for k in range(4))
     area = _cross(c - a, d - b)
     least = _CONVEX * (area * area).sum(axis=1)
@@ -118,7 +121,7 @@ def _is_convex(corners: Float) -> Mask:
 
 
 def _cross(u: Float, v: Float) -> Float:
-    """Return the cross products of q pairs of vectors, ``(q, 3)`` or in 2-D ``(q, 1)``."""
+    """Return the cross products of q pairs of vectors as ``(q, 3)``, in 2-D their z component ``(q, 1)``."""
     if u.shape[1] == 3:
         return np.cross(u, v)
     return (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])[:, None]

@@ -84,7 +84,7 @@ def datasets(group: Any) -> dict[str, Any]:
 
 
 def _follow_hard_link(group: Any, name: str, kind: str) -> Any:
-    """Return a member of an HDF5 group, but reject links that may lead to other files.
+    """Return a member of an HDF5 group, but reject soft and external links.
 
     Soft and external links may lead to other files.
     """

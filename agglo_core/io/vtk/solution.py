@@ -1,4 +1,4 @@
-"""Write a finite element solution as VTU: a function sampled cell by cell, with its jumps."""
+"""Write a discrete solution as VTU: a function sampled cell by cell, with its jumps between cells."""
 
 from __future__ import annotations
 

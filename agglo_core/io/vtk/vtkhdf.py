@@ -77,7 +77,7 @@ class VtkHdf(Compressing):
         level_values: LevelValues | None = None,
         tell: Tell = to_nobody,
     ) -> None:
-        """Write a mesh to ``path``, and each coarse mesh beside it, as :func:`write_grids` describes.
+        """Write a mesh to ``path``, and each coarse mesh to a file beside it, see :func:`write_grids`.
 
         Raises
         ------
