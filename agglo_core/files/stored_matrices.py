@@ -29,7 +29,7 @@ _COMMENT = re.compile(rb"#[^\n]*")
 
 
 def matrix_archive(path: Path, rows: int = 0) -> Archive:
-    """Open an archive whose arrays may take a multiple of its size plus one vector of ``rows`` numbers."""
+    """Open an archive and limit its arrays to a multiple of the file size, plus one vector of ``rows``."""
     return Archive(path, _SPARE + _RATIO * path.stat().st_size + 8 * rows)
 
 

@@ -72,7 +72,7 @@ def number_rows(content: bytes, start: int, width: int, dtype: type = np.float64
 
 
 def _check_widths(content: bytes, start: int, stop: int, width: int, count: int) -> None:
-    """Raise FileError unless each non-blank line has ``width`` words, and all lines have ``count``."""
+    """Raise FileError unless each non-blank line has ``width`` words, and the text ``count`` in total."""
     codes = np.frombuffer(content, np.uint8, stop - start, start)
     word = codes > ord(" ")
     word[1:] &= ~word[:-1]  # starts of words; the right side is a copy
