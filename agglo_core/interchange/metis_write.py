@@ -17,7 +17,7 @@ _SCALE = 10_000  # largest integer weight after scaling
 
 
 def graph_to_metis(path: str | Path, graph: Graph) -> None:
-    """Write a graph to a METIS file, with vertex weights and interfaces scaled to integers up to 10,000.
+    """Write a graph to a METIS file, with vertex and edge weights scaled to integers up to 10,000.
 
     The file ``PATH.xyz`` beside it holds the centroids, one line per vertex, for ParMETIS and Chaco.
 

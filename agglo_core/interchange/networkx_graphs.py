@@ -20,7 +20,7 @@ _RESERVED = ("centroid", "measure", "boundary", "weight", "vertices")
 
 
 def graph_to_networkx(graph: Graph) -> nx.Graph:
-    """Convert to an undirected networkx graph of plain Python values, for any networkx JSON writer.
+    """Convert a graph to an undirected networkx graph with plain Python values, ready for JSON.
 
     Node i, 0..n−1, has the attributes ``centroid`` (relative to ``G.graph["origin"]``, usable as ``pos=`` for
     drawing), ``measure``, ``boundary``, ``weight``, ``vertices`` (rows of ``G.graph["points"]``) and one

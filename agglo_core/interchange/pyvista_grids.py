@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 
 def to_pyvista(mesh: Mesh, hierarchy: Hierarchy | None = None) -> Any:
-    """Convert to a ``pyvista.UnstructuredGrid`` in cell order, with VTK elements where they are exact.
+    """Convert a mesh to a ``pyvista.UnstructuredGrid`` with cells in the same order.
+
+    Cells that are exactly VTK elements become these, others polygons or polyhedra.
 
     Cell data are the cell tags and, with a hierarchy, the labels ``level_0``, ``level_1``, …. The conversion
     uses a VTU file in a temporary folder, so the grid is the one that ParaView opens: a cell with holes is a

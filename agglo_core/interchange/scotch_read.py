@@ -71,8 +71,7 @@ def graph_from_scotch(path: str | Path, coordinates: ArrayLike | str | Path) -> 
 
 
 def _head(numbers: Int) -> tuple[int, int, int, int, int]:
-    """Return the number of vertices, the first vertex number, and flags for names and both kinds of weights.
-    """
+    """Return number of vertices, first vertex number, and flags for names, edge weights, vertex weights."""
     head = numbers[:_HEAD].tolist()
     if len(head) < _HEAD or head[0] != 0:
         raise FileError(f"begins with {head}, expected 0, the numbers of vertices and arcs, base and flags")
