@@ -1,4 +1,4 @@
-"""Sample meshes, available as functions and by texts such as ``voronoi:n=5000,seed=3``.
+"""Sample meshes, created by functions or from texts such as ``voronoi:n=5000,seed=3``.
 
 The texts cover all samples: the samples of this package and of plugins, components of the kind ``sample``.
 

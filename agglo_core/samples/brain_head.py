@@ -1,4 +1,4 @@
-"""A human brain in voxels, with its tissues, from the MNI152 template.
+"""A human brain as a voxel mesh with its tissues, from the MNI152 template.
 
 docs/brain describes the procedure.
 """
@@ -21,7 +21,7 @@ _TISSUES = (1, 2, 3)
 
 
 def brain3d(mm: float = 4.0) -> Mesh:
-    """Human brain in cubes with edge ``mm``, with the cell tag ``tissue``.
+    """Human brain composed of cubes with edge ``mm`` (millimetres), with the cell tag ``tissue``.
 
     The values of ``tissue`` are 1 fluid, 2 grey and 3 white matter. The mesh is the MNI152 template without
     skull and scalp: 1.9 litres, so about 1.9e6 / mm³ cells. A cube has its predominant tissue, and is omitted

@@ -13,7 +13,7 @@ _SNAP = 1e-10
 
 
 def random_triangles(n: int, seed: int = 0) -> Mesh:
-    """Delaunay triangles of ``n`` uniform points and round(√(n/2)) evenly spaced points per side.
+    """Delaunay triangles of ``n`` uniform random points and round(√(n/2)) evenly spaced points per side.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def random_triangles(n: int, seed: int = 0) -> Mesh:
 
 
 def voronoi(n: int, seed: int = 0) -> Mesh:
-    """Voronoi cells of ``n`` uniform points, clipped to the unit square.
+    """Voronoi cells of ``n`` uniformly distributed points, clipped to the unit square.
 
     Cell i belongs to point i.
 

@@ -1,4 +1,4 @@
-"""The four fine grids of the paper's experiments, reproduced cell by cell."""
+"""The four fine grids in the experiments of Antonietti et al., reproduced cell by cell."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from agglo_core.samples.regular import squares, triangles
 
 
 def paper(name: Literal["triangles", "squares", "random", "voronoi"]) -> Mesh:
-    """Fine grid of the paper (§4): ``triangles``, ``squares``, ``random`` or ``voronoi``.
+    """Fine grid of Antonietti et al. (§4): ``triangles``, ``squares``, ``random`` or ``voronoi``.
 
     128 triangles, 256 squares, 286 Delaunay triangles on 128 random points, or 256 Voronoi cells. The random
     numbers are one MATLAB stream with default seed: first the random points, then the Voronoi seeds.

@@ -136,7 +136,7 @@ def hexagons(n: int) -> Mesh:
 
 
 def ring(n: int) -> Mesh:
-    """Annulus with radii 1/2 and 1: ``n`` nearly square quadrilaterals around, in several layers.
+    """Annulus with radii 1/2 and 1: several layers of ``n`` nearly square quadrilaterals each.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ def random_tetrahedra(n: int, seed: int = 0) -> Mesh:
 
 
 def voronoi3d(n: int, seed: int = 0) -> Mesh:
-    """Voronoi cells of ``n`` uniform points, clipped to the unit cube.
+    """Voronoi cells of ``n`` uniformly distributed points, clipped to the unit cube.
 
     Cell i belongs to point i.
 

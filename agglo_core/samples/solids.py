@@ -60,7 +60,7 @@ def tetrahedra(n: int) -> Mesh:
 
 
 def prisms(n: int, layers: int = 0, seed: int = 0) -> Mesh:
-    """Unit cube in layers of prisms: extruded Delaunay triangles of ``n`` random points.
+    """Unit cube divided into layers of prisms: extruded Delaunay triangles of ``n`` random points.
 
     Parameters
     ----------
