@@ -29,7 +29,7 @@ _COMMENT = re.compile(rb"#[^\n]*")
 
 
 def matrix_archive(path: Path, rows: int = 0) -> Archive:
-    """Open an archive and limit its arrays to a multiple of the file size, plus one vector of ``rows``."""
+    """Open an archive and limit its arrays to a multiple of the file size, plus ``rows`` numbers."""
     return Archive(path, _SPARE + _RATIO * path.stat().st_size + 8 * rows)
 
 

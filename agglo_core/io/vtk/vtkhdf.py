@@ -195,7 +195,9 @@ def _is_own_file(file: Path) -> bool:
 
 
 def _faces(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
-    """Return the arrays that describe the faces of all polyhedra, each face once per cell.
+    """Return the arrays that describe the faces of all polyhedra, inner faces twice.
+
+    Each polyhedron stores its own faces.
 
     Other cells have none.
     """

@@ -257,7 +257,7 @@ class _Arrays:
         return name in self._elements
 
     def take(self, name: str, declared: int) -> Int:
-        """Return the integer array with this name and at most about ``declared`` values."""
+        """Return the integer array with this name, for which the file declares ``declared`` values."""
         if name not in self._elements:
             names = ", ".join(self._elements) or "none"
             raise FileError(f"array {name!r} is missing from {self.section}; found {names}")
