@@ -195,9 +195,7 @@ def _is_own_file(file: Path) -> bool:
 
 
 def _faces(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
-    """Return the arrays that describe the faces of all polyhedra, inner faces twice.
-
-    Each polyhedron stores its own faces.
+    """Return the arrays that describe the faces of all polyhedra, separately for each polyhedron.
 
     Other cells have none.
     """
