@@ -1,4 +1,6 @@
-"""Conformance suite: judge a component by the laws of its kind and report each failure with its remedy.
+"""Conformance tests: check a component, such as a bisector or solver, against the laws of its kind.
+
+A law is a property that every component of a kind must have. Each failure is reported with its remedy.
 
 Three interfaces to the same laws::
 

@@ -9,7 +9,7 @@ from agglo_core.conformance.engine.reference_pages import compliance_page, laws_
 
 
 def page(name: str) -> str:
-    """Return the page of this name as Markdown."""
+    """Return the reference page ``laws``, ``compliance`` or ``formats`` as Markdown."""
     if name == "laws":
         return laws_page()
     return compliance_page(own_results()) if name == "compliance" else f"{format_table()}\n"

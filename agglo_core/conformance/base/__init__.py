@@ -1,1 +1,1 @@
-"""Base classes of the suite: case, law, verdict and the component under test."""
+"""Base classes of the conformance tests: test case, law, failure, and component under test."""

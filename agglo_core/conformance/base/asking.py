@@ -1,4 +1,4 @@
-"""Call a component of any kind with the arguments of a case, exactly as its protocol specifies."""
+"""Call a component of any kind with the arguments of a test case, as its protocol specifies."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from agglo_core.registry import KINDS
 
 
 def ask(kind: str, tool: Any, case: Case) -> Any:
-    """Return the unchecked answer of a component.
+    """Call a component with the arguments of a test case, and return the result unchecked.
 
     Exceptions of the component propagate.
     """
@@ -44,7 +44,7 @@ def ask(kind: str, tool: Any, case: Case) -> Any:
 
 
 def for_target(tool: Any, target: Target) -> Any:
-    """Return the bisector that ``for_target`` makes for a target.
+    """Call ``for_target`` of a bisector, and require that the result is a bisector.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def for_target(tool: Any, target: Target) -> Any:
 
 
 def _sides(tool: Any, graph: Graph, seeds: UInt64, target: Target | None = None) -> Any:
-    """Return sides, or the labels of a direct partition.
+    """Return the side of each node, or the labels of a direct k-way partition.
 
     A direct partition is requested if a target is given or if the component has no ``bisect`` method.
     """
@@ -110,7 +110,7 @@ def _solve_exactly(tool: Any, A: Any, b: Float) -> Any:
 
 
 def _solve(tool: Any, problem: Problem, hierarchy: Hierarchy) -> Any:
-    """Solve a problem, unless ``accepts`` does not list its kind (as in ``agglo solve``)."""
+    """Solve a problem, but only if ``accepts`` lists its kind (as in ``agglo solve``)."""
     require_accepted(tool, problem)
     return tool.solve(problem, hierarchy)
 
@@ -121,7 +121,7 @@ def _assemble(tool: Any, problem: Problem, mesh: Mesh) -> Any:
 
 
 def _masks(tool: Any, mesh: Mesh, labels: Any) -> dict[str, Any]:
-    """Return the masks of a constraint by method name, for the methods that it implements."""
+    """Call the methods that a constraint has, and return their boolean masks by method name."""
     tool, graph = tool.for_mesh(mesh) if hasattr(tool, "for_mesh") else tool, mesh.graph
     arguments = {"forbidden": (graph,), "admissible": (graph, labels), "incomplete": (graph, labels)}
     return {

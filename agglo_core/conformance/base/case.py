@@ -1,4 +1,4 @@
-"""Test case: a single call to a component with its arguments."""
+"""Test case: the arguments of a single call to a component."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from agglo_core.problems import Linear, MultigridLevel
 
 @dataclass(frozen=True)
 class Case:
-    """Name of a test case, and the arguments for the method of the component.
+    """Test case: a name, and the arguments of one call to a component.
 
     ================  =================================
     kind              arguments
@@ -43,7 +43,7 @@ class Case:
 
     @property
     def size(self) -> int | None:
-        """Expected length of the answer, or None if unknown or not an array."""
+        """Expected length of the component's result, or None if unknown or not an array."""
         first = self.given[0]
         if isinstance(first, MultigridLevel):
             return len(self.given[1])
@@ -53,7 +53,7 @@ class Case:
 
     @property
     def sort(self) -> str:
-        """Category for refusals.
+        """Category of the test case, which a component may refuse as a whole.
 
         A component that refuses the first case of a category may refuse all its cases. Problems are grouped
         by class, linear systems also by block size. Any other case is a category by itself.

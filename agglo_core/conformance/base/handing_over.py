@@ -16,12 +16,12 @@ from agglo_core.registry.option_types import Text
 
 
 def environment() -> dict[str, str]:
-    """Return environment variables for a child process with the import path of this process."""
+    """Return environment variables that give a child process the import path of this process."""
     return os.environ | {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
 
 
 def task_of(subject: Subject) -> dict[str, Any]:
-    """Describe a component for another process.
+    """Describe the component under test as JSON data, from which another process can import it.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def task_of(subject: Subject) -> dict[str, Any]:
 
 
 def subject_from(task: Mapping[str, Any]) -> Subject:
-    """Return the component described by :func:`task_of`."""
+    """Import the component described by :func:`task_of`, for a test in this process."""
     component: Any = task.get("name")
     if "component" in task:
         lists = {name: tuple(task["component"][name]) for name in ("requires", "suffixes")}

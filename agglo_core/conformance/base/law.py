@@ -1,4 +1,4 @@
-"""Laws: functions of a subject that raise Broken with the fault and its remedy."""
+"""Laws: functions that test a component, and raise Broken with the fault and its remedy."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ASKED: Final = tuple(kind for kind in KINDS if kind != "sample")
 
 @dataclass(frozen=True)
 class Law:
-    """Named requirement for components of some kinds.
+    """Property required of all components of some kinds, with the function that tests it.
 
     Attributes
     ----------
@@ -39,16 +39,16 @@ class Law:
 
     @property
     def name(self) -> str:
-        """Name of the function."""
+        """Name of the law: the name of its test function."""
         return self.judge.__name__
 
     @property
     def sentence(self) -> str:
-        """Statement of the law in one sentence."""
+        """Statement of the law in one sentence: the docstring of its test function."""
         return " ".join(cleandoc(self.judge.__doc__ or "").split())
 
     def applies(self, subject: Subject) -> bool:
-        """Return True if the law must be judged for this subject."""
+        """Return True if the component under test must obey this law."""
         if subject.kind not in self.kinds or (self.promise and subject.promised(self.promise) is None):
             return False
         try:
@@ -60,5 +60,5 @@ class Law:
 def law(
     *kinds: str, promise: str | None = None, when: Callable[[Subject], bool] | None = None
 ) -> Callable[[Callable[[Subject], None]], Law]:
-    """Turn a function of a subject into a law for components of these kinds."""
+    """Decorator that turns a test function into a law for these kinds of component."""
     return lambda judge: Law(kinds, promise, when, judge)

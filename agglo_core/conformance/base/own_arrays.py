@@ -1,4 +1,4 @@
-"""Arrays owned by the caller: writable copies, and detection of temporary changes during a call."""
+"""Writable copies of input arrays, and detection of even temporary changes to them during a call."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from agglo_core.registry import KINDS
 
 
 def in_own_arrays(case: Case) -> Case:
-    """Return the case with writable copies of its arrays.
+    """Replace the arrays in a test case by writable copies.
 
     Meshes and graphs stay read-only.
     """
@@ -29,7 +29,7 @@ def in_own_arrays(case: Case) -> Case:
 
 
 def arrays_in(case: Case) -> list[NDArray[Any]]:
-    """Return the writable arrays of a case, including the arrays of sparse matrices."""
+    """Return the writable arrays among the arguments of a test case, including those of sparse matrices."""
     arrays: list[NDArray[Any]] = []
     for value in case.given:
         if isinstance(value, np.ndarray):
@@ -53,10 +53,10 @@ def home(kind: str, tool: Any) -> Path | None:
 
 
 def find_writing_line(call: Callable[[], Any], folder: Path, watched: Sequence[NDArray[Any]]) -> int | None:
-    """Return the first line number in ``folder`` at which a watched array has changed.
+    """Run a call, and return the first source line number at which a watched array has changed.
 
-    The call runs in a traced thread, and the arrays are compared before each line in ``folder``. Return
-    None if the arrays never change. Exceptions of the call propagate.
+    The call runs in a traced thread, and the arrays are compared before each line of the files in ``folder``.
+    Return None if the arrays never change. Exceptions of the call propagate.
     """
     before, lines, errors = [array.copy() for array in watched], list[int](), list[BaseException]()
     inside: dict[str, bool] = {}

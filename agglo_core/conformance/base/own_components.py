@@ -1,4 +1,4 @@
-"""Registry of built-in components for the runs of the suite, independent of installed plugins."""
+"""Registry of the built-in components, independent of installed plugins."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Complete agglomeration runs with the component under test, by number of parts and by size.
+"""Complete agglomeration runs with the component under test, for target counts and target sizes.
 
 A registered component is passed by name, as users do.
 """
@@ -25,7 +25,7 @@ _TARGETS: Sequence[Mapping[str, Any]] = ({"n_parts": (9, 4)}, {"h_factor": (2.0,
 
 
 def runs_with(subject: Subject) -> Iterator[tuple[str, Hierarchy]]:
-    """Yield a description and the hierarchy of each run.
+    """Agglomerate small meshes with the component, and yield a description and the hierarchy of each run.
 
     Exceptions of the run propagate.
     """
@@ -41,7 +41,11 @@ def runs_with(subject: Subject) -> Iterator[tuple[str, Hierarchy]]:
 
 
 def runs_both_ways(subject: Subject) -> Iterator[tuple[str, Hierarchy, Hierarchy]]:
-    """Yield a description and two hierarchies: with the ``grow`` method of a bisector, and depth by depth."""
+    """Yield two hierarchies of each run: with the bisector's ``grow`` method, and without it.
+
+    ``grow`` performs all splits of a level in one call. Without it, the bisector is called once for each
+    depth of the recursion. A description precedes the hierarchies.
+    """
     from agglo_core.agglomeration.one_call import agglomerate
 
     registry = own_components()
@@ -63,12 +67,12 @@ def runs_both_ways(subject: Subject) -> Iterator[tuple[str, Hierarchy, Hierarchy
 
 @dataclass(frozen=True)
 class _DepthByDepth:
-    """Bisector reduced to its splits, without optional methods such as ``grow``."""
+    """Wrapper that hides the optional methods of a bisector, such as ``grow``."""
 
     tool: Any
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Any:
-        """Return the sides ``(n,)`` of the wrapped bisector."""
+        """Return the side of each node ``(n,)``, computed by the wrapped bisector."""
         if callable(getattr(self.tool, "bisect_level", None)):
             return self.tool.bisect_level(level, seeds)
         return bisect_by_block(self.tool, level, seeds)
@@ -80,7 +84,7 @@ def _meshes(subject: Subject) -> list[Mesh]:
 
 
 def _roles(subject: Subject, choice: Any) -> list[dict[str, Any]]:
-    """Return the keyword arguments of each run.
+    """Return the keyword arguments of ``agglomerate`` for each run with the component under test.
 
     A bisector is run with all its methods, a refiner as both ``refiners`` and ``post_refiners``.
     """
@@ -112,7 +116,7 @@ class _Declares:
 
 
 def _choose_component(subject: Subject) -> tuple[Any, Registry]:
-    """Return the component as an argument of ``agglomerate``, and a registry with its name and fallback."""
+    """Return the component as an argument of ``agglomerate``, and a registry that contains it."""
     record = subject.record
     if record is None or record.component is None:
         return subject.build(), own_components()
@@ -129,7 +133,7 @@ def _is_registered(record: Record, name: str, registry: Registry) -> bool:
 
 
 def _registry_with(record: Record) -> Registry:
-    """Return a registry with the built-in components and an unregistered declaration."""
+    """Return a registry with the built-in components and one more declared component."""
     registry = Registry()
     registry.register(builtin, "defaults", distribution="agglo")
     declared = [] if record.component is None else [record.component]

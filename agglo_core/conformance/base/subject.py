@@ -1,4 +1,4 @@
-"""Component under test: its origin, promises, options and construction."""
+"""Component under test: its declaration, promises and options, and its construction."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from agglo_core.registry.records import unusable
 
 @dataclass(frozen=True)
 class Subject:
-    """Component under test.
+    """Component under test, with its declaration, promises and options.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Subject:
     told: Target | None = None
 
     def build(self) -> Any:
-        """Build a new object, or return the given object.
+        """Build the component with its options, or return the object given for the test.
 
         Raises
         ------
@@ -77,7 +77,7 @@ class Subject:
         return tool if self.told is None else for_target(tool, self.told)
 
     def make(self, **extra_options: Any) -> Any:
-        """Build a new object with additional options.
+        """Build the component with additional options.
 
         Exceptions of the constructor propagate. A class of problems is returned itself: problems are made
         from tables and meshes, not from options.
@@ -92,31 +92,29 @@ class Subject:
         return self.given(**self.options, **extra_options, **registry_option)
 
     def problem(self, kind: str) -> Any:
-        """Return the kind of problem of this name: a class, or the result of a factory."""
+        """Return the problem kind with this name in the registry: a class, or the result of a factory."""
         return Subject("problem", kind, self.lookup.record("problem", kind), registry=self.registry).make()
 
     def metric(self, name: str) -> Any:
-        """Return the metric of this name, or None."""
+        """Build the metric with this name, or return None if the registry does not contain it."""
         names = {record.name for record in self.lookup.list() if record.kind == "metric"}
         return self.lookup.build("metric", name) if name.rpartition("/")[2] in names else None
 
     @property
     def takes_options(self) -> bool:
-        """Return True if the component is built by a call with options, unlike objects and classes of
-        problems.
-        """
+        """Return True if the component is built from options: neither an object nor a class of problems."""
         if self._is_class_of_problems:
             return False
         return self.record is not None or isinstance(self.given, type) or self.kind == "sample"
 
     @property
     def target(self) -> Any:
-        """Class, function or object that represents the component."""
+        """Class or function that builds the component, or the object under test."""
         return resolve(self.record) if self.record is not None else self.given
 
     @property
     def lookup(self) -> Registry:
-        """Registry used for names."""
+        """Registry in which names of components are found."""
         return default() if self.registry is None else self.registry
 
     @property
@@ -125,17 +123,17 @@ class Subject:
 
     @property
     def name(self) -> str:
-        """Declared name, or an empty string."""
+        """Name in the declaration, or an empty string without declaration."""
         return self.record.name if self.record else ""
 
     @property
     def fallback(self) -> str | None:
-        """Name of the bisector used if this bisector leaves a side empty."""
+        """Name of the declared fallback: the bisector used if this bisector leaves a side empty."""
         return self.record.component.fallback if self.record and self.record.component else None
 
     @property
     def suffixes(self) -> Any:
-        """Suffixes of a format: the declared suffixes, else the attribute of its objects."""
+        """File suffixes of a format, as declared, or otherwise from its attribute ``suffixes``."""
         declared = self.record.component.suffixes if self.record and self.record.component else ()
         return declared or getattr(self.build(), "suffixes", ())
 
@@ -146,11 +144,11 @@ class Subject:
 
     @property
     def partitions(self) -> bool:
-        """Return True for a bisector with direct partitions."""
+        """Return True for a bisector with a method for direct k-way partitions."""
         return self.kind == "bisector" and self.has("partition")
 
     def has(self, method: str) -> bool:
-        """Return True if the objects have this method, or if no object can be built.
+        """Return True if the component has this method, or cannot be built.
 
         Another law reports a component that cannot be built.
         """
@@ -168,7 +166,9 @@ def subject_of(
     promises: Mapping[str, bool | float] | None = None,
     registry: Registry | None = None,
 ) -> Subject:
-    """Make a subject from a name (``"mine"``, ``"bisector:mine"``), a declaration, a class or an object.
+    """Make a component under test from its name, declaration, class or object.
+
+    Names are written ``"mine"`` or ``"bisector:mine"``.
 
     Raises
     ------
@@ -199,7 +199,7 @@ def subject_of(
 
 
 def find(text: str, kind: str | None = None, registry: Registry | None = None) -> Record:
-    """Return the record for ``"name"`` or ``"plugin/name"``, with an optional prefix ``"kind:"``."""
+    """Return the registry record for ``"name"`` or ``"plugin/name"``, with an optional prefix ``"kind:"``."""
     lookup = default() if registry is None else registry
     # An explicit kind decides.
     before, colon, after = text.partition(":")

@@ -23,7 +23,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class _Setting:
-    """Process setting with its getter and, where possible, its setter."""
+    """Process setting, such as the current folder, with its getter and, where possible, its setter."""
 
     read: Callable[[], Any]
     write: Callable[[Any], object] | None = None
@@ -104,7 +104,7 @@ class Snapshot:
         self._modules = len(sys.modules)
 
     def changed(self) -> list[str]:
-        """List the settings that differ now.
+        """List the settings that have changed since the snapshot.
 
         If modules were imported since the snapshot, settings that imports may change are excluded.
         """
@@ -116,7 +116,7 @@ class Snapshot:
         ]
 
     def restore(self) -> None:
-        """Restore every setting that can be written."""
+        """Reset every setting that can be written to its value in the snapshot."""
         for name, setting in _SETTINGS.items():
             if setting.write is not None and setting.read() != self._values[name]:
                 setting.write(self._values[name])
@@ -124,7 +124,7 @@ class Snapshot:
 
 @contextmanager
 def enter_empty_folder() -> Iterator[Path]:
-    """Change to an empty temporary folder.
+    """Make an empty temporary folder the current folder, and return to the previous one at the end.
 
     Yields the path as reported by the system, without symbolic links.
     """
@@ -139,7 +139,7 @@ def enter_empty_folder() -> Iterator[Path]:
 
 @contextmanager
 def stdout_of_process() -> Iterator[Callable[[], bytes]]:
-    """Capture file descriptor 1, including output of compiled code.
+    """Capture the standard output of the process (file descriptor 1), including output of compiled code.
 
     Yields a function that returns the captured bytes.
     """

@@ -1,1 +1,1 @@
-"""Run laws and collect results, in child processes, in pytest and for the reference pages."""
+"""Test components against the laws: directly, in child processes, in pytest and for reference pages."""

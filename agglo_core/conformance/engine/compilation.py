@@ -1,4 +1,4 @@
-"""Report when numba compiles or loads kernels, so that this time is not charged to a component."""
+"""Report when numba compiles or loads kernels, so that time limits exclude compilation."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class _Compilation(Listener):
         self.say, self.depth = say, 0
 
     def on_start(self, event: object) -> None:
-        """Count a started compilation, as numba nests these events."""
+        """Count the start of a compilation, and report it unless it is nested in another."""
         self.depth += 1
         if self.depth == 1:
             self.say(True)
 
     def on_end(self, event: object) -> None:
-        """End a compilation."""
+        """Count the end of a compilation, and report it unless it is nested in another."""
         self.depth -= 1
         if self.depth == 0:
             self.say(False)

@@ -1,4 +1,4 @@
-"""Table of file formats, measured by writing and reading small meshes.
+"""Table of the data that each file format preserves, found by writing and reading small meshes.
 
 The table shows for each format the supported cells, tags and labels, and losses or refusals.
 """
@@ -72,7 +72,7 @@ def format_table() -> str:
 
 
 def format_row(name: str, suffix: str) -> str:
-    """Return the table row of a format, or of one suffix of meshlane.
+    """Return the table row of a file format, or of one suffix of the format ``meshlane``.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def round_trips(suffix: str) -> dict[str, str] | None:
-    """Write and read test meshes under a suffix, and return a table cell per column.
+    """Write and read test meshes with this suffix, and return the table entry of each column.
 
     Return None if the format is read-only.
 
@@ -128,7 +128,7 @@ def _try_trip(trip: Callable[[], bool]) -> str:
 
 
 def _shapes() -> dict[str, Mesh]:
-    """Return a mesh of each shape, with coordinates that need all digits."""
+    """Return a test mesh for each cell type, with coordinates that need all decimal digits."""
     around = np.ones((5, 5), int)
     around[1:4, 1:4] = 0
     whole = {
@@ -182,7 +182,7 @@ def _tags(name: str, mesh: Mesh, suffix: str) -> bool:
 
 
 def _faces(outer: bool, mesh: Mesh, suffix: str) -> bool:
-    """Return True if a face tag comes back.
+    """Return True if a tag on outer or on inner faces is preserved by writing and reading.
 
     Faces are identified by their centroids.
     """
@@ -201,7 +201,7 @@ def _faces(outer: bool, mesh: Mesh, suffix: str) -> bool:
 
 
 def _levels(mesh: Mesh, suffix: str) -> tuple[Hierarchy, Hierarchy | None, bool]:
-    """Return a hierarchy before and after writing, and True if its coarse mesh has its own file."""
+    """Return a hierarchy, its copy read from a file, and True if its coarse mesh has a file of its own."""
     labels = bands(mesh, 2)
     hierarchy = Hierarchy(mesh, mesh.graph, [labels], [{"h_star": 0.5}], nested=True)
     with TemporaryDirectory() as folder:

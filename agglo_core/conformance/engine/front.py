@@ -20,7 +20,7 @@ def conformance(
     options: Mapping[str, Any] | None = None,
     registry: Registry | None = None,
 ) -> Callable[..., None]:
-    """Make a pytest function that judges a component, with one test per law.
+    """Make a pytest function that tests a component, with one test per law.
 
     The first test, ``is_found``, fails if the component cannot be used or no law applies.
 

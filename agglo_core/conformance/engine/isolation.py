@@ -1,4 +1,4 @@
-"""Judge laws in a child process, so that a component that hangs or crashes is stopped and reported."""
+"""Test a component in a child process, so that it is stopped and reported if it hangs or crashes."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ Listen = Callable[[float], dict[str, Any]]
 
 
 class _Stopped(Exception):
-    """Timeout or death of the child process, described by the message."""
+    """Exception for a timeout or crash of the child process."""
 
 
 def judge_apart(subject: Subject, timeout: float) -> list[Result]:
-    """Judge all laws in child processes, with ``timeout`` seconds per law.
+    """Test a component against all its laws in child processes, with ``timeout`` seconds per law.
 
     After the second timeout or crash the remaining laws are reported as not run.
 
@@ -69,7 +69,7 @@ def judge_apart(subject: Subject, timeout: float) -> list[Result]:
 
 @contextlib.contextmanager
 def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
-    """Start a child process for ``task``.
+    """Start a child process that tests the component described by ``task``.
 
     Yields a function that returns its messages. The child process is killed at the end.
     """
@@ -130,7 +130,7 @@ def _write(stream: IO[str] | None, text: str) -> None:
 
 
 def _read(stream: IO[str], lines: queue.Queue[str]) -> None:
-    """Queue each line of the stream, and an empty string at the end."""
+    """Put each line of a stream into a queue, and an empty string at the end."""
     for line in stream:
         lines.put(line)
     lines.put("")
@@ -142,7 +142,7 @@ def _failed_result(name: str, message: str) -> Result:
 
 
 def main() -> None:
-    """Judge the component described on stdin, and print a JSON line per law.
+    """Test the component described on stdin, and print the result of each law as a line of JSON.
 
     Other output goes to stderr. The parent starts its clock after the imports, and stops it while numba
     compiles or loads kernels.

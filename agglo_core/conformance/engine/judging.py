@@ -1,4 +1,4 @@
-"""Select the laws that apply to a component, and judge them."""
+"""Select the laws that apply to a component, and test the component against them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from agglo_core.registry.containment import PLUGIN_FAILURES
 
 @dataclass(frozen=True)
 class Result:
-    """Result of one law for a component.
+    """Result of testing a component against one law.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Result:
 
 
 def laws_for(subject: Subject) -> Sequence[Law]:
-    """Return the laws that apply to a subject, in order.
+    """Return the laws that apply to the component under test, in the order of testing.
 
     The list is never empty.
 
@@ -76,7 +76,7 @@ def laws_for(subject: Subject) -> Sequence[Law]:
 
 
 def judge(law: Law, subject: Subject) -> Result:
-    """Judge one law.
+    """Test a component against one law.
 
     Any exception of the component is a failure. Process settings changed by the component are restored, so
     that later laws detect the change again.

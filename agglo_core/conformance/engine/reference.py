@@ -1,4 +1,4 @@
-"""Reference solver of the suite: two-point fluxes and preconditioned conjugate gradients.
+"""Reference solver for the laws: two-point fluxes and preconditioned conjugate gradients.
 
 The solver is a correct example for the laws of solvers, and shows authors how little code a solver needs.
 """
@@ -20,7 +20,7 @@ from agglo_core.problems import Diffusion, Field, Linear, Problem, Solution
 
 
 class TwoPointFlux:
-    """Finite volumes with one unknown per cell and two-point fluxes.
+    """Finite volume solver with one unknown per cell and two-point fluxes.
 
     The flux through a face is the difference between two cell values, divided by their distance. The system
     is solved by conjugate gradients with an additive two-level preconditioner: the diagonal, plus an exact
@@ -38,7 +38,7 @@ class TwoPointFlux:
         self.tolerance, self.most = tolerance, most
 
     def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:
-        """Return the solution.
+        """Solve a diffusion problem or a linear system, and return the solution with its residual history.
 
         ``converged`` compares the true residual with the tolerance.
         """

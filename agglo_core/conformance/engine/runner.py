@@ -1,4 +1,4 @@
-"""Judge a component by the laws of its kind, and return the results as data."""
+"""Test a component against the laws of its kind, and return the results as data."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def check(
     registry: Registry | None = None,
     thorough: bool = False,
 ) -> list[Result]:
-    """Judge a component by every law that applies, without stopping at a failure.
+    """Test a component against every law that applies, without stopping at a failure.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""Test inputs for the laws: meshes, graphs, systems and cases."""
+"""Inputs for the laws: meshes, graphs, linear systems and test cases."""

@@ -1,4 +1,4 @@
-"""Ordinary cases for each kind of component, on small meshes."""
+"""Standard test cases for each kind of component, on small meshes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ABOUT_MESHES = ("format", "problem", "discretisation", "constraint", "section")
 
 
 def cases(kind: str, seed: int = 0) -> list[Case]:
-    """Return the ordinary cases for a kind, on 2-D meshes."""
+    """Return the standard test cases for a kind of component, on 2-D meshes."""
     if kind == "solver":
         return _problems()
     if kind == "smoother":
@@ -51,7 +51,7 @@ def cases(kind: str, seed: int = 0) -> list[Case]:
 
 
 def cases_in_3d(kind: str) -> list[Case]:
-    """Return the ordinary 3-D cases for a kind.
+    """Return the standard 3-D test cases for a kind of component.
 
     The list is empty for kinds without mesh or graph.
     """
@@ -85,7 +85,7 @@ def cases_in_3d(kind: str) -> list[Case]:
 
 
 def tiny(kind: str) -> list[Case]:
-    """Return degenerate cases: single cells, coincident centroids, interfaces without measure."""
+    """Return degenerate test cases: single cells, coincident centroids, interfaces of measure zero."""
     if kind in _ABOUT_MESHES:
         return of_one_cell(kind)
     if kind in PARTS:
@@ -123,7 +123,7 @@ def tiny(kind: str) -> list[Case]:
 
 
 def level_case(kind: str) -> Case:
-    """Return a case on a graph with very unequal blocks.
+    """Return a test case on a graph whose blocks have very different sizes.
 
     For refiners and fixers with 1 to 3 parts per block.
     """
@@ -141,7 +141,7 @@ def level_case(kind: str) -> Case:
 
 
 def part_of_level(case: Case, blocks: ArrayLike) -> Case:
-    """Restrict a case on a level to some blocks, in the given order."""
+    """Restrict a test case on a graph of several blocks to the given blocks, in this order."""
     graph, block_indices = case.given[0], np.asarray(blocks)
     nodes = np.concatenate([np.arange(graph.offsets[b], graph.offsets[b + 1]) for b in block_indices])
     counts = {graph.n: nodes, graph.n_blocks: block_indices}
@@ -153,7 +153,7 @@ def part_of_level(case: Case, blocks: ArrayLike) -> Case:
 
 
 def seeds_for(blocks: int, seed: int = 0) -> UInt64:
-    """Return well-spread seeds per block ``(B,)``.
+    """Return a random seed for each block ``(B,)``.
 
     The first seed is at least 2^63, like half of the seeds in a run.
     """
@@ -164,14 +164,14 @@ def seeds_for(blocks: int, seed: int = 0) -> UInt64:
 
 
 def stripes(graph: Graph, parts: int) -> Int:
-    """Return labels with equal cell counts along the longer axis, numbered across that axis."""
+    """Return labels of strips with equal cell counts, cut across the longest axis."""
     axis = int(np.argmax(np.ptp(graph.centroids, axis=0)))
     rank = np.argsort(np.argsort(graph.centroids[:, axis], kind="stable"))
     return frozen_int(np.unique(rank * min(parts, graph.n) // graph.n, return_inverse=True)[1])
 
 
 def laplacian(graph: Graph, per_cell: int, shift: float = 0.1) -> Linear:
-    """Return a shifted graph Laplacian with some unknowns per cell.
+    """Return a linear system with a shifted graph Laplacian, for ``per_cell`` unknowns per cell.
 
     With ``shift=0`` it is singular.
     """
@@ -184,13 +184,13 @@ def laplacian(graph: Graph, per_cell: int, shift: float = 0.1) -> Linear:
 
 
 def with_problem(case: Case, **changes: Any) -> Case:
-    """Return the case with some attributes of its problem replaced."""
+    """Replace some attributes of the problem in a test case for a solver."""
     problem, hierarchy = case.given
     return replace(case, given=(replace(problem, **changes), hierarchy))
 
 
 def labelled_case(kind: str, graph: Graph, name: str, labels: Int, told: str, seed: int = 0) -> Case:
-    """Return a case for a refiner or fixer.
+    """Return a test case for a refiner or fixer, with the given part labels.
 
     ``told`` selects the target: "count", "size" or "both". As in runs, the number of parts refers to the
     whole mesh, and exceeds the number of parts here.
@@ -217,7 +217,7 @@ def _stripe_blocks(graph: Graph, parts: int) -> Int:
 
 
 def _scatter_labels(graph: Graph) -> Int:
-    """Return labels 0, 1, 2 in disconnected pieces.
+    """Return random labels 0, 1, 2, so that parts are disconnected.
 
     The first cells of each block ensure that each label occurs.
     """

@@ -1,4 +1,4 @@
-"""Cases that may end early: degenerate cases, and cases that a component may refuse or fail on."""
+"""Degenerate and invalid test cases, which a component may refuse or fail on."""
 
 from __future__ import annotations
 
@@ -16,10 +16,7 @@ from agglo_core.problems import Diffusion, Linear
 
 
 def early_ends(kind: str) -> list[Case]:
-    """Return cases that may be refused or answered.
-
-    Some are not meaningful.
-    """
+    """Return degenerate and invalid test cases, which a component may refuse or fail on."""
     early_cases = [*tiny(kind), *cases_in_3d(kind)]
     if kind == "solver":
         return [*early_cases, *_problems(), *unlike_diffusion()]
@@ -40,7 +37,7 @@ def early_ends(kind: str) -> list[Case]:
 
 
 def _problems() -> list[Case]:
-    """Return solver cases with zero data, with invalid data, and with sizes that do not match."""
+    """Return test cases for solvers with zero data, with invalid data, and with sizes that do not match."""
     hierarchy = cases("solver")[0].given[1]
     graph = hierarchy.graph
     fine = laplacian(graph, 1)

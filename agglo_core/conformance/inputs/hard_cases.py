@@ -1,4 +1,4 @@
-"""Hard cases: unusual graphs, large levels, meshes of equal size, and direct partitions."""
+"""Hard test cases: unusual graphs, many blocks, meshes of equal size, and direct k-way partitions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SIBLINGS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother")
 
 
 def unusual_cases(kind: str) -> list[Case]:
-    """Return cases on unusual graphs with one block.
+    """Return test cases on unusual graphs with a single block.
 
     The list is empty for kinds without graph.
     """
@@ -56,7 +56,7 @@ def unusual_cases(kind: str) -> list[Case]:
 
 
 def large_case(kind: str, seed: int = 0) -> list[Case]:
-    """Return a case with 2,000 cells.
+    """Return a test case with 2,000 cells in a single block.
 
     The list is empty for kinds without graph.
     """
@@ -69,7 +69,7 @@ def large_case(kind: str, seed: int = 0) -> list[Case]:
 
 
 def crowd_case(kind: str, blocks: int = 300) -> Case:
-    """Return a level with many small blocks and a large block, and 1 to 4 parts per block.
+    """Return a test case with many small blocks and a large block, and 1 to 4 parts per block.
 
     Parts are in pieces in every other block. The level carries data with block-dependent magnitude; for
     refiners and fixers, the interfaces and measures of neighbouring blocks differ by a factor up to 1e9.
@@ -101,7 +101,7 @@ def crowd_case(kind: str, blocks: int = 300) -> Case:
 
 
 def many_parts(kind: str) -> Case:
-    """Return a level of 5,000 blocks with more than 65,536 possible (block, label) pairs.
+    """Return a test case of 5,000 blocks with more than 65,536 possible (block, label) pairs.
 
     The first block has 60 cells. In every third block cells alternate between two parts. Elsewhere each
     cell is a part.
@@ -116,7 +116,7 @@ def many_parts(kind: str) -> Case:
 
 
 def as_many_components(kind: str) -> Case:
-    """Return a block with two parts and a block with three parts.
+    """Return a test case with a block of two parts and a block of three parts.
 
     Each block has three connected components.
     """
@@ -127,25 +127,25 @@ def as_many_components(kind: str) -> Case:
 
 
 def ragged_cases(kind: str) -> list[Case]:
-    """Return refiner and fixer cases on levels of pieces from real meshes, with ragged parts."""
+    """Return test cases on pieces of realistic meshes, split into parts with ragged borders."""
     return [
         labelled_case(kind, graph, name, labels, "both") for name, (graph, labels) in ragged_levels().items()
     ]
 
 
 def partitions(seed: int = 0) -> list[Case]:
-    """Return cases for direct partitions."""
+    """Return test cases for direct k-way partitions."""
     meshes = [mesh for mesh in small_meshes.plane_meshes() if mesh.n_cells > max(_KWAY_PARTS)]
     return [_in_parts(mesh.name, mesh.graph, parts, seed) for mesh in meshes for parts in _KWAY_PARTS]
 
 
 def partitions_in_3d() -> list[Case]:
-    """Return 3-D cases for direct partitions."""
+    """Return 3-D test cases for direct k-way partitions."""
     return [_in_parts("3-D boxes", small_meshes.boxes().graph, parts) for parts in _KWAY_PARTS]
 
 
 def siblings(kind: str, *, partition: bool = False) -> Iterator[Case]:
-    """Yield cases that a wrong cache confuses: equal numbers of cells and faces, but different answers.
+    """Yield test cases with equal numbers of cells and faces but different results, to expose wrong caches.
 
     Each case is built when requested, so that it may reuse the memory of the previous case.
     """
@@ -197,7 +197,7 @@ def _wide_grid() -> Mesh:
 
 
 def _high_grid() -> Mesh:
-    """Return a mesh with the connectivity of ``_wide_grid``, but higher than wide, and then turned."""
+    """Return a grid stretched along y and then turned by 90°, with the connectivity of ``_wide_grid``."""
     quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
     high = small_meshes.grid(9, 7, height=3.0, jitter=0.2)
     return unusual_graphs.map_points(high, lambda points: points @ quarter)

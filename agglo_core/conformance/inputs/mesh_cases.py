@@ -1,4 +1,4 @@
-"""Cases on whole meshes: formats, problems, discretisations, constraints and report sections."""
+"""Test cases on whole meshes: for formats, problems, discretisations, constraints and report sections."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ UNSAFE = '<b id="it\'s">R&D</b>'
 
 
 def on_meshes(kind: str) -> list[Case]:
-    """Return cases on 2-D meshes."""
+    """Return the test cases on 2-D meshes for a kind of component."""
     if kind == "discretisation":
         return [_case_on(kind, mesh) for mesh in small_meshes.plane_meshes()]
     if kind == "problem":
@@ -52,7 +52,7 @@ def on_meshes(kind: str) -> list[Case]:
 
 
 def in_space(kind: str) -> list[Case]:
-    """Return cases on 3-D meshes.
+    """Return the test cases on 3-D meshes for a kind of component.
 
     Formats also get tetrahedra, because some formats support nothing else.
     """
@@ -61,12 +61,12 @@ def in_space(kind: str) -> list[Case]:
 
 
 def of_one_cell(kind: str) -> list[Case]:
-    """Return a case on a mesh with a single cell."""
+    """Return a test case on a mesh with a single cell."""
     return [_case_on(kind, replace(small_meshes.grid(1, 1), name="one cell"))]
 
 
 def bands(mesh: Mesh, parts: int) -> Int:
-    """Return labels with equal cell counts along the longest axis."""
+    """Return labels of strips with equal cell counts, cut across the longest axis."""
     centres = mesh.local_centroids
     axis = int(np.argmax(np.ptp(centres, axis=0)))
     rank = np.argsort(np.argsort(centres[:, axis], kind="stable"), kind="stable")
@@ -74,12 +74,12 @@ def bands(mesh: Mesh, parts: int) -> Int:
 
 
 def tag_cells(mesh: Mesh) -> Mesh:
-    """Return the mesh with the cell tag :data:`TAG`."""
+    """Return the mesh with the cell tag :data:`TAG`: 1 in one half, 2 in the other."""
     return replace(mesh, cell_tags={TAG: 1 + bands(mesh, 2)})
 
 
 def tag_cells_and_faces(mesh: Mesh) -> Mesh:
-    """Return the mesh with :data:`TAG` on cells and faces.
+    """Return the mesh with the tag :data:`TAG` on cells and faces.
 
     Faces have tag 1 between the halves, and 2 or 3 on the boundary.
     """
@@ -103,7 +103,7 @@ def _case_on(kind: str, mesh: Mesh) -> Case:
 
 
 def _report_case(mesh: Mesh) -> Case:
-    """Return a report case with two runs: two levels of labels, and a failed run."""
+    """Return a test case for report sections: a run with two levels, and a failed run."""
     levels = [bands(mesh, 4), bands(mesh, 4) // 2]
     targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]
     hierarchy = Hierarchy(mesh, mesh.graph, levels, targets, nested=True)

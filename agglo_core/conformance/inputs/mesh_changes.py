@@ -1,4 +1,4 @@
-"""Change position, size and numbering of 2-D and 3-D meshes."""
+"""Geometric transformations and renumberings of 2-D and 3-D meshes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.mesh import Mesh
 
 @dataclass(frozen=True)
 class Change:
-    """Rotation, reflection, shift and scale, in this order.
+    """Geometric transformation: reflection, rotation, shift and scaling, in this order.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ MOTIONS: Mapping[str, Change] = {
 
 
 def transform_mesh(mesh: Mesh, change: Change) -> Mesh:
-    """Return the transformed mesh.
+    """Apply a geometric transformation to the points of a mesh.
 
     Cells and points keep their numbers and tags.
     """
@@ -76,7 +76,7 @@ def reverse_faces(mesh: Mesh) -> Mesh:
 
 
 def renumber_mesh(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:
-    """Permute cells, faces and points at random.
+    """Renumber the cells, faces and points of a mesh at random.
 
     Return the mesh and the old index of each cell.
     """
@@ -99,7 +99,7 @@ def renumber_mesh(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:
 
 
 def turn_inner_faces(mesh: Mesh, seed: int = 7) -> Mesh:
-    """Return the mesh with about half of its inner faces reversed, together with their two cells."""
+    """Reverse about half of the inner faces of a mesh, and swap the two cells of these faces."""
     inner = mesh.face_cells[:, 1] >= 0
     turned = inner & (np.random.default_rng(seed).random(mesh.n_faces) < 0.5)
     loops = np.split(mesh.face_vertices, mesh.face_offsets[1:-1])

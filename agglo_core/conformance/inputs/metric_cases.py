@@ -1,4 +1,4 @@
-"""Parts for the laws of metrics, and metric values computed by hand."""
+"""Test cases for the laws of quality metrics, and metric values computed by hand."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ form one part; two parts, each of two squares that touch in a point.
 
 
 def shapes() -> list[Case]:
-    """Return extreme part shapes (round, thin, pointed) and parts that are whole components."""
+    """Return test cases with round, thin or pointed parts, and parts that are whole connected components."""
     two_grids = small_meshes.two_grids()
     component = two_grids.graph.components()
     second = component == component[-1]
@@ -105,7 +105,7 @@ def shapes() -> list[Case]:
 
 
 def bodies() -> list[Case]:
-    """Return extreme 3-D shapes, whole components, and a shell around another part."""
+    """Return 3-D test cases: extreme shapes, whole connected components, and a shell around another part."""
     shell = np.ones(27)
     shell[13] = 0
     box_row = small_meshes.boxes(5, 1, 1, without=(2,))
@@ -120,19 +120,19 @@ def bodies() -> list[Case]:
 
 
 def ring_case() -> Case:
-    """Return a part close to a disc, inside a part that is a thin ring."""
+    """Return a test case with a part close to a disc, inside a part that is a thin ring."""
     return Case("a disc in a thin ring", _disc(24))
 
 
 def many_alone() -> Case:
-    """Return more than a thousand single-cell parts with shuffled labels."""
+    """Return a test case with more than a thousand single-cell parts, labelled in random order."""
     mesh = small_meshes.grid(40, 30, jitter=0.2)
     names = np.random.default_rng(11).permutation(mesh.n_cells)
     return Case(f"{mesh.n_cells} parts of one cell", (mesh, frozen_int(names)))
 
 
 def cut_finer(case: Case) -> Case:
-    """Refine the convex 2-D cells of a case without changing its parts.
+    """Refine the convex 2-D cells of a test case without changing its parts.
 
     Each cell is cut into quadrilaterals around its centroid, and each face is halved, also on part
     outlines.
@@ -156,7 +156,7 @@ def cut_finer(case: Case) -> Case:
 
 
 def cut_finer_in_space() -> tuple[Case, Case]:
-    """Return irregular parts of boxes, and the same parts with each box cut into eight."""
+    """Return a test case with irregular parts of boxes, and the same case with each box cut into eight."""
     coarse, fine = small_meshes.boxes(4, 3, 2), small_meshes.boxes(4, 3, 2, cuts=2)
     labels = np.resize([0, 0, 1, 2, 2, 1, 1], coarse.n_cells).reshape(4, 3, 2)
     finer = labels.repeat(2, axis=0).repeat(2, axis=1).repeat(2, axis=2)
@@ -174,7 +174,7 @@ def _polygon(radii: Float) -> Mesh:
 
 
 def _disc(n: int) -> tuple[Mesh, Int]:
-    """Return a fan of triangles (part 0) inside a ring of quadrilaterals (part 1)."""
+    """Return a disc with its labels: a fan of triangles (part 0) in a ring of quadrilaterals (part 1)."""
     ring = small_meshes.ring(n)
     radius = np.where(np.arange(2 * n) < n, 1.0, 0.525)[:, None]  # 1 and 1.05
     points = np.concatenate((ring.points * radius, [[0.0, 0.0]]))
@@ -184,7 +184,7 @@ def _disc(n: int) -> tuple[Mesh, Int]:
 
 
 def _globe(rows: int, around: int) -> Mesh:
-    """Return a single cell inscribed in a sphere, with triangles at the poles and trapezoids between."""
+    """Return a mesh of one polyhedron inscribed in a sphere, with triangles at the poles, else trapezoids."""
     # Points on circles of latitude, then the two poles.
     polar, turn = np.pi * np.arange(1, rows) / rows, 2 * np.pi * np.arange(around) / around
     theta, phi = np.meshgrid(polar, turn, indexing="ij")
@@ -207,7 +207,7 @@ def _thin_boxes() -> Mesh:
 
 
 def by_hand() -> list[Case]:
-    """Return the cases with values in :data:`HAND`."""
+    """Return the test cases whose metric values have been computed by hand (:data:`HAND`)."""
     row, column = np.divmod(np.arange(16), 4)
     ring = np.ones((5, 5), int)
     ring[1:4, 1:4] = 0
@@ -222,7 +222,7 @@ def by_hand() -> list[Case]:
 
 
 def topology_cases() -> list[Case]:
-    """Return agglomerates with a hole, a point contact, a closed ring, and loose pieces."""
+    """Return test cases with a hole, a point contact, a closed ring, or a disconnected agglomerate."""
     around = np.ones((5, 5), int)
     around[1:4, 1:4] = 0
     loose = (np.arange(9) % 8 == 0).astype(int)
@@ -235,7 +235,7 @@ def topology_cases() -> list[Case]:
 
 
 def various_cases() -> list[Case]:
-    """Return tagged cells of unequal sizes, many parts, single cells, many neighbours, irregular parts."""
+    """Return test cases with graded and tagged cells, many parts, single-cell parts, or irregular parts."""
     grid = small_meshes.grid(20, 20, jitter=0.2)
     row, column = np.divmod(np.arange(grid.n_cells), 20)
     grid_labels = np.where(row < 14, np.arange(grid.n_cells), 280 + (row - 14) // 2 * 5 + column // 4)
@@ -253,7 +253,7 @@ def various_cases() -> list[Case]:
 
 
 def solids() -> list[Case]:
-    """Return parts on 3-D boxes: slabs, irregular parts with a hole, and single cells."""
+    """Return 3-D test cases on boxes: slabs, irregular parts with a hole, and single-cell parts."""
     mesh = small_meshes.boxes()
     rng = np.random.default_rng(2)
     slabs = np.arange(30) // 6
@@ -266,7 +266,7 @@ def solids() -> list[Case]:
 
 
 def transform_case(case: Case, change: Change | None) -> tuple[Case, Int]:
-    """Return the case on the transformed mesh, and the old index of each cell.
+    """Transform or renumber the mesh of a test case, and return also the old index of each cell.
 
     If ``change`` is None, cells, faces and points are renumbered, and about half of the inner faces are
     reversed.
@@ -281,7 +281,7 @@ def transform_case(case: Case, change: Change | None) -> tuple[Case, Int]:
 
 
 def cells_renumbered(case: Case) -> Case:
-    """Return the case with permuted cell numbers in the mesh, but unchanged labels, points and faces."""
+    """Permute the cell indices in the mesh of a test case, but not labels, points or faces."""
     mesh, labels = case.given
     number = np.append(np.random.default_rng(3).permutation(mesh.n_cells), -1)
     renumbered_mesh = replace(mesh, face_cells=number[mesh.face_cells])
@@ -289,7 +289,7 @@ def cells_renumbered(case: Case) -> Case:
 
 
 def far_from_each_other() -> tuple[Case, list[Case]]:
-    """Return a strip with ten parts, and variants with other parts at the end.
+    """Return a strip of ten parts, and variants with other parts at one end.
 
     Parts 0 to 5 are equal in all variants and do not touch the changed parts.
     """
@@ -309,8 +309,7 @@ def far_from_each_other() -> tuple[Case, list[Case]]:
 
 
 def layouts(framed: bool) -> tuple[Case, list[Case]]:
-    """Return a layout of sixteen squares, and worse layouts with equal cell counts: bars, zigzags, loose
-    cells.
+    """Return sixteen square parts, and worse parts of equal cell counts: bars, zigzags, scattered cells.
 
     If ``framed``, part 16 surrounds them, so that no other part touches the boundary.
     """
@@ -332,7 +331,7 @@ def layouts(framed: bool) -> tuple[Case, list[Case]]:
 
 
 def _graded_mesh() -> Mesh:
-    """Return quadrilaterals that grow along the diagonal, with cell and face tags."""
+    """Return a mesh of quadrilaterals that grow along the diagonal, with cell and face tags."""
     mesh = small_meshes.grid(9, 7, jitter=0.2)
     graded_mesh = replace(mesh, points=mesh.points * (1.0 + 0.3 * mesh.points), name="graded quadrilaterals")
     sides = np.where(mesh.face_cells[:, 1] < 0, 1 + np.arange(mesh.n_faces) % 2, 0)
@@ -340,6 +339,6 @@ def _graded_mesh() -> Mesh:
 
 
 def _shuffle_labels(labels: np.ndarray) -> Int:
-    """Return the labels under permuted names, so that they do not increase with the cell index."""
+    """Permute the part numbers at random, so that labels do not increase with the cell index."""
     names = np.random.default_rng(len(labels)).permutation(int(labels.max()) + 1)
     return frozen_int(names[labels])

@@ -1,4 +1,4 @@
-"""Cases for multigrid components: levels and coarsenings for small positive definite systems."""
+"""Test cases for multigrid components: small positive definite systems with a coarser level."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from agglo_core.problems import Coarsening, MultigridLevel, Patches
 
 
 def levels() -> list[Case]:
-    """Return two-level Poisson cases with one or three unknowns per cell, with and without coarse correction.
+    """Return two-level Poisson test cases for smoothers, with one or three unknowns per cell.
 
-    The matrix is a slightly shifted graph Laplacian; ``x`` is random and not a solution.
+    The matrix is a slightly shifted graph Laplacian; ``x`` is random and not a solution. One level has a
+    coarse correction.
     """
     squares = small_meshes.grid(8, 8)
     jittered = small_meshes.grid(9, 7, jitter=0.2)
@@ -35,7 +36,7 @@ def levels() -> list[Case]:
 
 
 def single_unknown() -> list[Case]:
-    """Return a level with a single cell."""
+    """Return a test case for smoothers with a single unknown."""
     graph = small_meshes.grid(1, 1).graph
     return [question("one unknown", multigrid_level(graph, frozen_int([0]), corrected=False))]
 
@@ -43,7 +44,7 @@ def single_unknown() -> list[Case]:
 def multigrid_level(
     graph: Graph, labels: Int, *, per_cell: int = 1, corrected: bool, shift: float = 0.05
 ) -> MultigridLevel:
-    """Return a finest level whose coarse unknowns are the parts of ``labels``.
+    """Return a finest multigrid level whose coarse unknowns are the parts of ``labels``.
 
     Each patch is a cell with its neighbours.
     """
@@ -67,12 +68,12 @@ def multigrid_level(
 
 
 def _coupling(width: int) -> Float:
-    """Return a symmetric positive definite block ``(width, width)``."""
+    """Return a symmetric positive definite matrix ``(width, width)`` that couples the unknowns of a cell."""
     return np.eye(width) + 0.05 * (np.ones((width, width)) - np.eye(width))
 
 
 def question(name: str, level: MultigridLevel) -> Case:
-    """Return the case to smooth a random ``x`` on a level."""
+    """Return the test case to smooth a random ``x`` on a multigrid level."""
     n = level.A.shape[0]
     x = np.random.default_rng(n).standard_normal(n)
     b = np.cos(np.arange(n) + 1.0)
@@ -84,7 +85,7 @@ PARTS: Final = ("transfer", "coarse_operator", "coarse_solver")
 
 
 def coarsenings(kind: str) -> list[Case]:
-    """Return coarsenings for shifted graph Laplacians with one or three unknowns per cell."""
+    """Return test cases that coarsen a shifted graph Laplacian with one or three unknowns per cell."""
     squares, jittered = small_meshes.grid(8, 8), small_meshes.grid(9, 7, jitter=0.2)
     row, column = np.divmod(np.arange(64), 8)
     fours = frozen_int(row // 2 * 4 + column // 2)
@@ -97,7 +98,7 @@ def coarsenings(kind: str) -> list[Case]:
 
 
 def one_part(kind: str) -> list[Case]:
-    """Return a level with a single cell, and a level with a single part."""
+    """Return degenerate coarsenings: of a single cell, and of a mesh into a single part."""
     cell, squares = small_meshes.grid(1, 1).graph, small_meshes.grid(4, 3).graph
     steps = {
         "one unknown": _step(cell, frozen_int([0]), 1),

@@ -1,4 +1,4 @@
-"""Cases on meshes with several tags, to detect a dependence on the random order of sets."""
+"""Test cases on meshes with several tags, to detect a dependence on the random order of sets."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _NAMES: Sequence[Sequence[str]] = (
 
 
 def with_tags(kind: str) -> list[Case]:
-    """Return cases on small meshes with three cell tags and three face tags.
+    """Return test cases on small meshes with three cell tags and three face tags.
 
     Smoothers get none.
     """

@@ -1,4 +1,4 @@
-"""Call a component with a case, and examine its answer, its errors and its effect on the input."""
+"""Call components with test cases, and examine results, exceptions and effects on the input."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _OWN_PROBLEMS = ("diffusion", "linear")
 
 
 def answer(subject: Subject, tool: Any, case: Case) -> Any:
-    """Return the unchecked answer of the component.
+    """Call a component with a test case, and return the result unchecked.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def answer(subject: Subject, tool: Any, case: Case) -> Any:
 
 
 def as_array(given: Any) -> NDArray[Any]:
-    """Convert an answer to an array as the core does.
+    """Convert the result of a component to an array, as the core does.
 
     Ragged lists become arrays of objects.
     """
@@ -68,7 +68,7 @@ def as_array(given: Any) -> NDArray[Any]:
 
 
 def questions(subject: Subject, seed: int = 0) -> list[Case]:
-    """Return the ordinary cases for a component, except for refused categories.
+    """Return the standard test cases for a component, except for categories that it refuses.
 
     The largest case has about 2,000 cells, because some components switch algorithms at some size. A solver
     also gets the examples of further problem kinds in ``accepts``, and a bisector with direct partitions
@@ -84,7 +84,7 @@ def questions(subject: Subject, seed: int = 0) -> list[Case]:
 
 
 def every_graph(subject: Subject) -> list[Case]:
-    """Return cases on ordinary graphs, unusual graphs and levels, for a bisector, refiner or fixer.
+    """Return all test cases on graphs for a bisector, refiner or fixer: standard, unusual, many blocks.
 
     A bisector without ``bisect_level`` is called once per block and gets fewer blocks. A bisector with a
     fallback is not required to split thousands of two-cell blocks. Slow refiners and fixers get only small
@@ -101,12 +101,12 @@ def every_graph(subject: Subject) -> list[Case]:
 
 
 def in_space(subject: Subject) -> list[Case]:
-    """Return the 3-D cases of a component that promises 3-D."""
+    """Return the 3-D test cases of a component that promises 3-D, or else an empty list."""
     return cases_in_3d(subject.kind) if subject.promised("3d") else []
 
 
 def select_accepted(subject: Subject, test_cases: list[Case]) -> list[Case]:
-    """Return the cases that the component accepts.
+    """Return the test cases that the component accepts.
 
     A solver may refuse a category (see :attr:`Case.sort`) with an AggloError on its first case; otherwise
     the solver must accept the whole category. A format may refuse meshes that cannot be represented, and a
@@ -127,7 +127,7 @@ def select_accepted(subject: Subject, test_cases: list[Case]) -> list[Case]:
 
 
 def with_suffix(subject: Subject, asked: list[Case]) -> list[Case]:
-    """Return format cases with the first suffix that can be written.
+    """Return the test cases of a file format, with the first suffix that the format can write.
 
     The list is empty for read-only formats.
     """
@@ -145,7 +145,7 @@ def _with_suffix(case: Case, suffix: str) -> Case:
 
 
 def _further_problems(subject: Subject) -> list[Case]:
-    """Return examples of the problem kinds in ``accepts`` beyond those of the suite."""
+    """Return test cases for the problem kinds in ``accepts`` other than diffusion and linear systems."""
     if subject.kind not in ("solver", "discretisation"):
         return []
     accepts = getattr(subject.build(), "accepts", ())
@@ -161,7 +161,7 @@ def _further_problems(subject: Subject) -> list[Case]:
 
 
 def refuses(subject: Subject, case: Case) -> bool:
-    """Return True if the component refuses a case with an AggloError.
+    """Return True if the component refuses a test case with an AggloError.
 
     The result is cached.
     """
@@ -180,7 +180,7 @@ def _raises_ours(subject: Subject, case: Case) -> bool:
 
 
 def plain(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:
-    """Return the answer as an array: sides as integers, labels, values or a solution, otherwise a digest."""
+    """Call a component, and return its sides, labels, values, solution, or else a hash as an array."""
     result = answer(subject, tool, case)
     if subject.kind not in _IN_ARRAYS:
         return digest(result)
@@ -201,7 +201,7 @@ def digest(value: Any) -> NDArray[np.uint8]:
 
 
 def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
-    """Return True if two answers are equal, for floats up to 1e-9 relative to the largest."""
+    """Return True if two arrays are equal, for floats up to 1e-9 times the largest absolute value."""
     if one.dtype.kind != "f" or one.shape != other.shape:
         return np.array_equal(one, other)
     scale = float(np.nanmax(np.abs(one), initial=0.0))  # NaN marks undefined values
@@ -217,19 +217,19 @@ def same_labelling(before: NDArray[Any], after: NDArray[Any], swap: bool) -> boo
 
 
 def chunks(level: Graph, values: NDArray[Any]) -> list[NDArray[Any]]:
-    """Split values by block."""
+    """Split an array of cell values into one array per block."""
     return np.split(values, level.offsets[1:-1])
 
 
 def in_words(value: Any) -> str:
-    """Describe a value in a few words."""
+    """Describe a value for an error message: type, and shape or beginning of its text."""
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape} and {value.dtype}"
     return f"a {type(value).__name__} ({value!r:.40})"
 
 
 def fingerprints(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield path and content of all mutable data in the input of a component."""
+    """Yield path and content of all data in the input of a component, to detect changes."""
     if isinstance(value, np.ndarray):
         yield path, (value.shape, value.dtype.str, value.tobytes())
     elif sparse.issparse(value):
@@ -250,7 +250,7 @@ def fingerprints(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 @contextmanager
 def global_random(seed: int) -> Iterator[Callable[[], bool]]:
-    """Seed the global random generators of Python, numpy and torch.
+    """Seed the global random generators of Python, numpy and torch, and restore them at the end.
 
     Yields a function that returns True while their states are unchanged.
     """
@@ -277,7 +277,7 @@ def global_random(seed: int) -> Iterator[Callable[[], bool]]:
 
 
 def _blame(subject: Subject, tool: Any, error: BaseException) -> str:
-    """Describe an error with the source line in the component, and the remedy."""
+    """Describe an exception with the source line in the component, and its remedy."""
     home = sys.modules.get(type(tool).__module__)
     frames = traceback.extract_tb(error.__traceback__)
     component_frames = [

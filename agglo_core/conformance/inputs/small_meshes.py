@@ -1,4 +1,4 @@
-"""Small meshes of the suite, rebuilt in each call so that no component can corrupt them."""
+"""Small test meshes, rebuilt in each call so that no component can corrupt them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BIG, _SMALL = 50, 12  # rows for the large block, and for the small blocks (a m
 
 
 def grid(nx: int, ny: int, *, width: float = 1.0, height: float = 1.0, jitter: float = 0.0) -> Mesh:
-    """Return ``nx`` by ``ny`` quadrilaterals.
+    """Return a mesh of ``nx`` by ``ny`` quadrilaterals.
 
     ``jitter`` bounds the vertex displacement, relative to the spacing.
     """
@@ -35,7 +35,7 @@ def grid(nx: int, ny: int, *, width: float = 1.0, height: float = 1.0, jitter: f
 
 
 def halved_squares() -> Mesh:
-    """Return five by four squares, each cut into two triangles."""
+    """Return a mesh of five by four squares, each cut into two triangles."""
     quads = grid(5, 4, jitter=0.1)
     a, b, c, d = quads.boundary_loops.vertices.reshape(-1, 4).T
     cells = np.concatenate((np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1)))
@@ -43,7 +43,7 @@ def halved_squares() -> Mesh:
 
 
 def hexagons(nx: int, ny: int) -> Mesh:
-    """Return regular hexagons of side 1 in ``ny`` rows of ``nx``."""
+    """Return a mesh of regular hexagons of side 1, in ``ny`` rows of ``nx``."""
     around = np.array([(0, -2), (1, -1), (1, 1), (0, 2), (-1, 1), (-1, -1)])
     centres = np.array([(2 * i + j % 2, 3 * j) for j in range(ny) for i in range(nx)])
     corners = (centres[:, None] + around).reshape(-1, 2)
@@ -61,7 +61,7 @@ def ring(n: int) -> Mesh:
 
 
 def mixed_polygons() -> Mesh:
-    """Return squares, triangles and pentagons with hanging nodes: a coarse half next to a fine half."""
+    """Return a mesh of squares, triangles and pentagons, with hanging nodes between coarse and fine half."""
     x, y = np.meshgrid(np.arange(9.0), np.arange(7.0))
     points = np.stack((x.ravel(), y.ravel()), axis=1)
     cells: list[list[int]] = []
@@ -77,7 +77,7 @@ def mixed_polygons() -> Mesh:
 
 
 def comb() -> Mesh:
-    """Return a comb with three tall teeth, which straight cuts split into pieces."""
+    """Return a mesh shaped like a comb with three tall teeth, which straight cuts disconnect."""
     i, j = np.meshgrid(np.arange(5), np.arange(9))
     inside = ((i % 2 == 0) | (j == 0)).ravel()
     full_grid = grid(5, 9)
@@ -87,7 +87,7 @@ def comb() -> Mesh:
 
 
 def two_grids() -> Mesh:
-    """Return two grids that do not touch."""
+    """Return a mesh of two grids that do not touch."""
     mesh = grid(3, 2)
     loops = mesh.boundary_loops.vertices.reshape(-1, 4)
     points = np.concatenate((mesh.points, mesh.points + np.array([5.0, 1.0])))
@@ -95,7 +95,10 @@ def two_grids() -> Mesh:
 
 
 def boxes(nx: int = 5, ny: int = 3, nz: int = 2, *, cuts: int = 1, without: Sequence[int] = ()) -> Mesh:
-    """Return 3-D boxes of unequal sizes, each cut ``cuts`` times along each axis, except for ``without``."""
+    """Return a 3-D mesh of unequal boxes, each cut into ``cuts`` cells along each axis.
+
+    Cells with an index in ``without`` are omitted.
+    """
     # Random spacings along the axes, refined by linear interpolation.
     rng = np.random.default_rng(nx + 10 * ny + 100 * nz)
     axes = [np.concatenate(([0.0], np.cumsum(rng.uniform(0.7, 1.3, n)))) for n in (nx, ny, nz)]
@@ -128,7 +131,7 @@ def solids() -> list[Mesh]:
 
 
 def tetrahedra() -> Mesh:
-    """Return two tetrahedra with a common face."""
+    """Return a mesh of two tetrahedra with a common face."""
     points = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.2, 0.3, 1.0), (0.3, 0.2, -1.0)]
     upper = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
     lower = [(0, 1, 2), (1, 0, 4), (2, 1, 4), (0, 2, 4)]
@@ -152,17 +155,17 @@ def plane_meshes() -> list[Mesh]:
 
 
 def line(n: int, *, interface: float = 1.0) -> Graph:
-    """Return a chain of ``n`` unit nodes with constant interface measure."""
+    """Return the graph of a chain of ``n`` nodes at unit distances, with constant interface measure."""
     return _chain(np.stack((np.arange(n), np.zeros(n)), axis=1), interface)
 
 
 def coincident(n: int) -> Graph:
-    """Return a chain of ``n`` nodes in the same place."""
+    """Return the graph of a chain of ``n`` nodes with coincident centroids."""
     return _chain(np.zeros((n, 2)), 1.0)
 
 
 def level() -> Graph:
-    """Return a level as in a recursion: a block of 4,000 cells and 60 blocks of 16 cells."""
+    """Return a graph with a block of 4,000 cells and 60 blocks of 16 cells, as in a recursion."""
     mesh = grid(80, _BIG + _SMALL, jitter=0.2)
     row, column = np.divmod(np.arange(mesh.n_cells), 80)
     small = 1 + (row - _BIG) // 4 * 20 + column // 4
@@ -171,7 +174,7 @@ def level() -> Graph:
 
 
 def change_mesh(mesh: Mesh, change: str) -> tuple[Mesh, Int]:
-    """Apply one of :data:`CHANGES`.
+    """Renumber, rotate, shift or scale a mesh, as named in :data:`CHANGES`.
 
     Return the mesh and the old index of each cell.
     """

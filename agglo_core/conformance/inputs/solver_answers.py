@@ -1,4 +1,4 @@
-"""Helpers for the laws of solvers: solutions, matrices of any form, point values, options by name."""
+"""Helpers for the laws of solvers: solve, convert matrices, evaluate solutions, find options by name."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from agglo_core.problems import Diffusion, Linear, Problem, Solution
 
 
 def solve(subject: Subject, case: Case, tool: Any = None) -> Solution:
-    """Return the solution of a new object, or of ``tool``."""
+    """Solve the problem of a test case with a newly built solver, or with ``tool`` if given."""
     solution = answer(subject, subject.build() if tool is None else tool, case)
     require(
         isinstance(solution, Solution), f"on {case.name}: it returned {solution!r:.60}, expected a Solution"
@@ -31,7 +31,7 @@ def solve(subject: Subject, case: Case, tool: Any = None) -> Solution:
 def solve_unless_refused(
     subject: Subject, name: str, problem: Problem, hierarchy: Hierarchy, tool: Any = None
 ) -> Solution | None:
-    """Return the solution, or None if the solver refuses the problem with an AggloError."""
+    """Solve a problem, or return None if the solver refuses it with an AggloError."""
     try:
         return solve(subject, Case(name, (problem, hierarchy)), tool)
     except Broken as error:
@@ -41,12 +41,12 @@ def solve_unless_refused(
 
 
 def first_case(subject: Subject, sort: type[Diffusion] | type[Linear]) -> list[Case]:
-    """Return the first Diffusion or Linear case, if the solver accepts any."""
+    """Return the first Diffusion or Linear test case that the solver accepts, or an empty list."""
     return [case for case in questions(subject) if isinstance(case.given[0], sort)][:1]
 
 
 def cases_with_3d(subject: Subject) -> list[Case]:
-    """Return the ordinary cases, and the 3-D cases of a solver that promises 3-D."""
+    """Return the standard test cases of a solver, with the 3-D cases if it promises 3-D."""
     return [*questions(subject), *select_accepted(subject, in_space(subject))]
 
 
@@ -58,7 +58,7 @@ def matrix_of(A: Any) -> Any:
 
 
 def direct(solution: Solution) -> Float:
-    """Solve the system of a solution by factorisation.
+    """Solve the linear system of a Solution by a direct method.
 
     Returns ``(n,)``.
     """
@@ -66,7 +66,7 @@ def direct(solution: Solution) -> Float:
 
 
 def gap(x: Float, wanted: Float) -> float:
-    """Return the norm of the difference, relative to the expected values."""
+    """Return the norm of the difference between two vectors, relative to the norm of the expected one."""
     return float(np.linalg.norm(x - wanted) / max(float(np.linalg.norm(wanted)), 1e-300))
 
 
@@ -89,7 +89,7 @@ def values(tool: Any, hierarchy: Hierarchy, x: Float, one: Float | None) -> tupl
 
 
 def option_named(subject: Subject, *names: str) -> str | None:
-    """Return the first of these names that is an option of the component, or None."""
+    """Return the first of these names that is an option of the component, or None without one."""
     if not subject.takes_options:
         return None
     parameters = inspect.signature(subject.target).parameters

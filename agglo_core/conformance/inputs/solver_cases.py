@@ -1,4 +1,4 @@
-"""Cases for solvers: a plate with tagged sides, unusual levels, and systems unlike diffusion."""
+"""Test cases for solvers: a plate with tagged sides, unusual levels, and systems unlike diffusion."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SIDES = LEFT, RIGHT, BOTTOM, TOP = 1, 2, 3, 4
 
 
 def plate(nx: int = 8, ny: int = 6, tag: str = "boundary") -> Hierarchy:
-    """Return rectangles that fill [0, 2] × [0, 1], with side tags and 2 by 2 agglomerates."""
+    """Return a hierarchy on a grid of [0, 2] × [0, 1], with side tags and agglomerates of 2 by 2 cells."""
     mesh = small_meshes.grid(nx, ny, width=2.0 / nx, height=1.0 / ny)
     # Tag boundary faces by their midpoint.
     x, y = mesh.points[mesh.face_vertices[mesh.face_offsets[:-1]]].T
@@ -35,7 +35,7 @@ def plate(nx: int = 8, ny: int = 6, tag: str = "boundary") -> Hierarchy:
 
 
 def block() -> Hierarchy:
-    """Return unequal 3-D boxes that fill a box, with side tags 1 to 6 for low and high x, y, z."""
+    """Return a hierarchy on a grid of unequal boxes, with side tags 1 to 6 for low and high x, y, z."""
     mesh = small_meshes.boxes()
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     corners = mesh.points[mesh.face_vertices.reshape(mesh.n_faces, 4)]
@@ -53,13 +53,13 @@ def halves(hierarchy: Hierarchy, left: float, right: float) -> Float:
 
 
 def on_levels(mesh: Mesh, *levels: Int) -> Hierarchy:
-    """Return a hierarchy on a mesh with these labels, finest first."""
+    """Return the hierarchy with the given labels for each level, finest first."""
     targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]
     return Hierarchy(mesh, mesh.graph, list(levels), targets, nested=True)
 
 
 def transform_hierarchy(hierarchy: Hierarchy, change: Change | None) -> tuple[Hierarchy, Int]:
-    """Return the hierarchy on the transformed mesh, and the old index of each cell.
+    """Transform or renumber the mesh of a hierarchy, and return also the old index of each cell.
 
     If ``change`` is None, the mesh is renumbered.
     """
@@ -72,7 +72,7 @@ def transform_hierarchy(hierarchy: Hierarchy, change: Change | None) -> tuple[Hi
 
 
 def uneven(graph: Graph, per_cell: int, seed: int = 0) -> Linear:
-    """Return a system with couplings between 1 and 100, and a right-hand side with both signs."""
+    """Return a linear system with random couplings from 1 to 100, and a random right-hand side."""
     rng = np.random.default_rng(seed)
     links = sparse.triu(graph.to_scipy(), format="coo")
     links = sparse.coo_array((10 ** rng.uniform(0, 2, links.nnz), links.coords), shape=links.shape).tocsr()
@@ -85,7 +85,7 @@ def uneven(graph: Graph, per_cell: int, seed: int = 0) -> Linear:
 
 
 def awkward_cases() -> list[Case]:
-    """Return cases with rough coefficients, one part, three levels, disconnected parts, or no mesh."""
+    """Return test cases with rough coefficients, one part, three levels, disconnected parts, or no mesh."""
     mesh = small_meshes.grid(8, 8)
     row, column = np.divmod(np.arange(64), 8)
     fours, whole = frozen_int(row // 2 * 4 + column // 2), frozen_int(np.zeros(64))
@@ -113,7 +113,7 @@ def awkward_cases() -> list[Case]:
 
 
 def unlike_diffusion() -> list[Case]:
-    """Return systems that are nonsymmetric or indefinite, or differ in couplings, unknowns or storage."""
+    """Return test cases of linear systems unlike diffusion: nonsymmetric, indefinite, or oddly stored."""
     hierarchy = _squares()
     base = uneven(hierarchy.graph, 1, seed=2)
     below = sparse.tril(base.A, -1)
@@ -139,7 +139,7 @@ def unlike_diffusion() -> list[Case]:
 
 
 def definite() -> list[Case]:
-    """Return symmetric positive definite systems that are hard to precondition."""
+    """Return test cases of symmetric positive definite systems that are hard to precondition."""
     hierarchy = _squares()
     base = uneven(hierarchy.graph, 1, seed=2)
     # Strong positive couplings: a low-rank term over groups of cells.
@@ -159,7 +159,7 @@ def definite() -> list[Case]:
 
 
 def ill_conditioned(hierarchy: Hierarchy) -> Linear:
-    """Return a system with condition number 1e11 and an equally large solution.
+    """Return a linear system with condition number 1e11 and a solution of this magnitude.
 
     Rounding then limits the accuracy of b − A x.
     """
@@ -167,7 +167,7 @@ def ill_conditioned(hierarchy: Hierarchy) -> Linear:
 
 
 def rising_residual_system(hierarchy: Hierarchy) -> Linear:
-    """Return a system for which the 2-norm of the residual increases before it decreases."""
+    """Return a linear system for which the residual norm increases before it decreases in the iteration."""
     base = uneven(hierarchy.graph, 1, seed=2)
     n = len(base.b)
     units = sparse.diags_array(10.0 ** np.random.default_rng(7).uniform(-1.5, 1.5, n))
@@ -182,7 +182,7 @@ def _squares() -> Hierarchy:
 
 
 def _without_curvature(labels: Int) -> Linear:
-    """Return a diagonal system for which x·A x of the first search directions is exactly 0.
+    """Return an indefinite diagonal system with pᵀ A p = 0 exactly for the first search directions p.
 
     In each part with four cells the diagonal is 1 three times and -1 once. The entries of b have sum 0 in
     each part, and equal norms where A is 1 and where A is -1.
@@ -195,7 +195,7 @@ def _without_curvature(labels: Int) -> Linear:
 
 
 def _of_unequal_cells(scalar: Linear) -> Linear:
-    """Return a system with one, two or three unknowns per cell, with different weights in the couplings."""
+    """Return a linear system with one, two or three unknowns per cell, coupled with random weights."""
     widths = 1 + np.arange(scalar.A.shape[0]) % 3
     cells = np.repeat(np.arange(len(widths)), widths)
     n = len(cells)

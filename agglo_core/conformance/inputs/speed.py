@@ -1,4 +1,4 @@
-"""Measure the speed of a refiner or fixer stepwise, so that slow components do not delay the laws."""
+"""Time a refiner or fixer on meshes of increasing size, so that slow components get small cases only."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BOTHER = 0.25  # seconds: slower cases are not repeated
 
 @dataclass(frozen=True)
 class Slow:
-    """First case that took too long: number of cells, seconds, and the largest acceptable number of cells."""
+    """Test case that took too long: cells, seconds, and the largest number of cells that is acceptable."""
 
     cells: int
     seconds: float
@@ -32,7 +32,7 @@ class Slow:
 
 
 def too_slow(subject: Subject) -> Slow | None:
-    """Return the first case that exceeds its share of the time limit, or None.
+    """Return the first test case that exceeds its share of the time limit, or None if none does.
 
     The cell counts double from case to case, and the result is cached. Laws judge answers and errors.
     """
@@ -45,7 +45,7 @@ def too_slow(subject: Subject) -> Slow | None:
 
 
 def drop_slow_cases(subject: Subject, test_cases: list[Case]) -> list[Case]:
-    """Return the cases that do not take too long."""
+    """Return the test cases that are small enough for the measured speed of the component."""
     slow = too_slow(subject)
     return test_cases if slow is None else [case for case in test_cases if case.given[0].n <= slow.most]
 

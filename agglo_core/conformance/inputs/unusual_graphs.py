@@ -1,4 +1,4 @@
-"""Correct but unusual graphs, and ragged levels of small pieces, to expose hidden assumptions."""
+"""Valid but unusual graphs, and graphs of many small blocks with ragged parts, for testing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LARGE = 2000
 
 
 def graphs_by_description() -> dict[str, Graph]:
-    """Return connected graphs with one block by description, with new arrays in each call."""
+    """Return unusual connected graphs of one block, keyed by a description, with new arrays in each call."""
     builders: dict[str, Callable[[], Graph]] = {
         "cells whose weights are not their measures": _uneven,
         "cells whose measures differ by a factor of a million": _graded_rectangles,
@@ -45,7 +45,7 @@ def graphs_by_description() -> dict[str, Graph]:
 
 
 def fresh(graph: Graph) -> Graph:
-    """Return the graph with copied arrays, so that changes to them do not persist."""
+    """Return a copy of a graph, so that a component cannot corrupt the cached original."""
     values = {f.name: getattr(graph, f.name) for f in fields(graph)}
     arrays = {name: value.copy() for name, value in values.items() if isinstance(value, np.ndarray)}
     return replace(graph, **arrays, data={name: value.copy() for name, value in graph.data.items()})
@@ -53,7 +53,7 @@ def fresh(graph: Graph) -> Graph:
 
 @cache
 def crowd(blocks: int, smallest: int) -> Graph:
-    """Return a level with many small blocks and a block of 2,000 cells, each with shuffled cells."""
+    """Return a graph of many small blocks and a block of 2,000 cells, with shuffled cells in each block."""
     sizes = np.resize([size for size in _SMALL if size >= smallest], blocks)
     sizes[blocks // 2] = _LARGE
     rows = -(-int(sizes.sum()) // 48) // 2 * 2 + 1  # odd, so that each strip ends where the next begins
@@ -73,7 +73,7 @@ def crowd(blocks: int, smallest: int) -> Graph:
 
 @cache
 def small_blocks() -> Graph:
-    """Return a level of 5,000 blocks, the first with 60 cells in a row, the others with 2 or 3."""
+    """Return a graph of 5,000 blocks: a chain of 60 cells, and chains of 2 or 3 cells."""
     sizes = np.where(np.arange(5000) % 2, 2, 3)
     sizes[0] = 60
     offsets = np.concatenate(([0], np.cumsum(sizes)))
@@ -83,28 +83,28 @@ def small_blocks() -> Graph:
 
 @cache
 def large() -> Graph:
-    """Return 2,000 cells in one block."""
+    """Return a graph of 2,000 cells in one block."""
     graph: Graph = small_meshes.grid(50, 40, jitter=0.2).graph
     return graph
 
 
 @cache
 def tower() -> Graph:
-    """Return a column of eight boxes, which differ only in their third coordinate."""
+    """Return the graph of a column of eight boxes, whose centroids differ only in the third coordinate."""
     graph: Graph = small_meshes.boxes(1, 1, 8).graph
     return graph
 
 
 @cache
 def level_in_space() -> Graph:
-    """Return three blocks of boxes, separated along the first axis."""
+    """Return a graph of boxes in three blocks, which are separated along the first axis."""
     graph: Graph = small_meshes.boxes(6, 4, 3).graph
     rank = np.argsort(np.argsort(graph.centroids[:, 0], kind="stable"))
     return graph.split(rank // 24)[0]
 
 
 def clumps(graph: Graph, parts: int, strays: float = 0.0) -> Int:
-    """Return labels by nearest seed cell, with random labels for a fraction ``strays``.
+    """Label each cell by the nearest of ``parts`` random cells, but a fraction ``strays`` at random.
 
     Every label occurs.
     """
@@ -133,7 +133,7 @@ def _uneven() -> Graph:
 
 @cache
 def _graded_rectangles() -> Graph:
-    """Return rectangles that grow geometrically along both axes."""
+    """Return the graph of rectangles that grow geometrically along both axes."""
     graph: Graph = map_points(small_meshes.grid(14, 14), lambda points: 1600.0 ** (points / 14)).graph
     return graph
 
@@ -164,7 +164,10 @@ def _grid_of_size(size: float) -> Graph:
 
 @cache
 def _far() -> Graph:
-    """Return a graph far from the origin, without mesh: centroids of a mesh are relative to its middle."""
+    """Return a graph with centroids far from the origin.
+
+    It is shifted without its mesh, because centroids of a mesh are relative to its middle.
+    """
     graph: Graph = small_meshes.grid(9, 7, jitter=0.2).graph
     shift = np.array([4e6, -7e6])
     return replace(graph, centroids=graph.centroids + shift, points=graph.points + shift)
@@ -180,14 +183,14 @@ def _thin() -> Graph:
 
 @cache
 def _random_triangles() -> Graph:
-    """Return triangles where many cells meet at a point but few share a side."""
+    """Return the graph of random triangles, where many cells meet at a point but few share a side."""
     graph: Graph = samples.random_triangles(60, seed=3).graph
     return graph
 
 
 @cache
 def _slit() -> Graph:
-    """Return a graph with a slit: cells with a common side but no interface."""
+    """Return the graph of a grid with a slit: cells with a common side but no edge between them."""
     graph: Graph = small_meshes.grid(9, 8, jitter=0.2).graph
     row, column = np.divmod(np.arange(graph.n), 9)
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
@@ -217,7 +220,7 @@ def _chain() -> Graph:
 
 
 def map_points(mesh: Mesh, move: Callable[[Float], Float]) -> Mesh:
-    """Return a mesh with its points ``(p, 2)`` transformed."""
+    """Return a mesh with its points ``(p, 2)`` transformed by a function."""
     loops = mesh.boundary_loops
     cells = np.split(loops.vertices, loops.loop_offsets[1:-1])
     return Mesh.from_polygons(move(mesh.points), cells, name=mesh.name)
@@ -229,7 +232,7 @@ _NOISE = 0.2  # fraction of border cells in every other block that get a neighbo
 
 
 def ragged_levels() -> dict[str, tuple[Graph, Int]]:
-    """Return 2-D levels by mesh name, with labels of 2 to 5 ragged parts in each block."""
+    """Return graphs of many blocks by mesh name, with labels of 2 to 5 ragged parts in each block."""
     meshes = {"Voronoi cells": _voronoi, "triangles": _triangles, "hexagons": _hexagons}
     levels = {f"a level of pieces of {name}": _fresh_level(make) for name, make in meshes.items()}
     uneven = {
@@ -239,14 +242,15 @@ def ragged_levels() -> dict[str, tuple[Graph, Int]]:
 
 
 def ragged_level_in_space() -> tuple[Graph, Int]:
-    """Return a level of pieces of tetrahedra, with labels of 2 to 5 ragged parts in each block."""
+    """Return a graph of many blocks of tetrahedra, with labels of 2 to 5 ragged parts in each block."""
     return _fresh_level(_tetrahedra)
 
 
 def grow_regions(graph: Graph, seeds: Int, rng: np.random.Generator) -> Int:
-    """Return the seed that reaches each node first ``(n,)``, at random speeds (first-passage growth).
+    """Grow a region from each seed at random speeds, and return the region index of each node ``(n,)``.
 
-    The regions are ragged but connected. Every block needs a seed.
+    Each node belongs to the seed that reaches it first (first-passage growth). The regions are ragged but
+    connected. Every block needs a seed.
     """
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     times = rng.lognormal(0.0, _RAGGED, len(rows))
@@ -256,7 +260,7 @@ def grow_regions(graph: Graph, seeds: Int, rng: np.random.Generator) -> Int:
 
 
 def _with_uneven_faces(level: Graph, labels: Int) -> tuple[Graph, Int]:
-    """Return the level with weights unlike the measures, and interfaces of random size."""
+    """Return the graph with random weights and interface measures, and the unchanged labels."""
     rng = np.random.default_rng(5)
     rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
     edges = np.minimum(rows, level.indices) * level.n + np.maximum(rows, level.indices)
@@ -273,7 +277,7 @@ def _fresh_level(make: Callable[[], Mesh]) -> tuple[Graph, Int]:
 
 @cache
 def _level_of(make: Callable[[], Mesh]) -> tuple[Graph, Int]:
-    """Return randomly grown pieces of a mesh, and labels grown in each piece, some with noise."""
+    """Split a mesh into randomly grown blocks, and each block into parts, some with noise."""
     rng = np.random.default_rng(11)
     graph: Graph = make().graph
     # Grow pieces from random cells of the mesh, which become the blocks.

@@ -1,4 +1,4 @@
-"""Laws by file.
+"""Laws for each kind of component, sorted into modules.
 
 The registry record of each kind names the files with its laws.
 """
@@ -15,7 +15,7 @@ __all__ = ["all_laws", "laws_of"]
 
 
 def laws_of(kind: str) -> Sequence[Law]:
-    """Return the laws of a kind in order of judgement, file by file."""
+    """Return the laws for a kind of component, in the order of testing."""
     files = [import_module(f"{__name__}.{name}") for name in KINDS[kind].laws]
     return [
         value
@@ -26,5 +26,5 @@ def laws_of(kind: str) -> Sequence[Law]:
 
 
 def all_laws() -> Sequence[Law]:
-    """Return every law, ordered by kind."""
+    """Return all laws, ordered by kind of component."""
     return list(dict.fromkeys(law for kind in KINDS for law in laws_of(kind)))

@@ -35,7 +35,7 @@ _TARGETS = (
 
 
 def one_sided(graph: Graph, sides: NDArray[Any]) -> Int:
-    """Return the blocks with at least two cells that lie on a single side."""
+    """Return the blocks of at least two cells whose cells are all on the same side."""
     alike = one_sided_blocks(graph, frozen_int(sides))
     return alike[graph.sizes[alike] > 1]
 
@@ -82,7 +82,7 @@ def side_values(subject: Subject) -> None:
 
 @law("bisector", when=has_for_target)
 def told_the_target(subject: Subject) -> None:
-    """The result of for_target splits pieces in two, and requests for other targets change nothing."""
+    """The bisector returned by for_target splits pieces in two, unaffected by calls for other targets."""
     # Expected answers: from a freshly imported component for each target.
     test_cases = [_long_piece(), unusual_cases("bisector")[0], crowd_case("bisector", 40)]
     expected = {}
@@ -98,7 +98,7 @@ def told_the_target(subject: Subject) -> None:
 def _require_independent_targets(
     subject: Subject, test_cases: list[Case], expected: dict[Target, list[NDArray[Any]]]
 ) -> None:
-    """Require that one object serves all targets, without side effects between them or on the object."""
+    """Require that calls of ``for_target`` affect neither each other nor the object itself."""
     tool = subject.build()
     before = [plain(subject, tool, case) for case in test_cases]
     tools = [tool]
@@ -127,7 +127,7 @@ def _answers_as_before(
 
 
 def _targets_taken(subject: Subject) -> list[Target]:
-    """Return the targets that the component does not refuse with an AggloError."""
+    """Return the targets that ``for_target`` of the component accepts."""
     targets = []
     for target in _TARGETS:
         with suppress(AggloError):
@@ -138,7 +138,7 @@ def _targets_taken(subject: Subject) -> list[Target]:
 
 
 def _long_piece() -> Case:
-    """Return a piece three times as long as wide, so that cuts along and across differ."""
+    """Return a test case with a piece three times as long as wide, so that cuts along and across differ."""
     return Case("a long piece", (small_meshes.grid(15, 5, jitter=0.2).graph, seeds_for(1)))
 
 
@@ -200,7 +200,7 @@ def kway_labels(subject: Subject) -> None:
 
 @law("bisector", when=_partitions)
 def kway_parts(subject: Subject) -> None:
-    """At least half of the requested parts are nonempty if no cell outweighs a part (gaps close later)."""
+    """At least half of the requested parts are nonempty if no cell outweighs a part (others are dropped)."""
     for case in [*cases("bisector"), *unusual_cases("bisector")]:
         weights = case.given[0].weights
         for parts in (k for k in _PARTS if 2 * k <= len(weights) and k * weights.max() <= weights.sum()):
@@ -213,7 +213,7 @@ def kway_parts(subject: Subject) -> None:
 
 
 def _partition(subject: Subject, case: Case, parts: int) -> Any:
-    """Call ``partition`` through a component without other methods."""
+    """Call ``partition`` of a bisector while its other methods are hidden."""
     tool = subject.build()
 
     class OnlyPartition:

@@ -1,4 +1,4 @@
-"""Laws for repeated and concurrent calls, blocks, arrays of the caller, and calls that end early."""
+"""Laws for repeated, concurrent and failing calls, for blocks, and for arrays of the caller."""
 
 from __future__ import annotations
 
@@ -58,16 +58,16 @@ _WAIT = 0.3  # seconds to wait for the second call, which may be blocked by a lo
 
 
 def _sibling_cases(subject: Subject) -> list[Case]:
-    """Return easily confused cases that are accepted.
+    """Return the accepted test cases of equal size, which a wrong cache would confuse.
 
-    If all are refused, the ordinary cases.
+    If all are refused, return the standard test cases.
     """
     return list(_each_sibling_case(subject))
 
 
 @law(*SIBLINGS)
 def nothing_carried_over(subject: Subject) -> None:
-    """Intervening calls on other meshes of equal size change no answer: no cache confuses them."""
+    """Calls on other meshes of equal size in between change no result: no cache confuses them."""
     # Expected answers: each from a freshly imported component.
     names = [case.name for case in _sibling_cases(subject)]
     expected = []
@@ -89,7 +89,7 @@ def nothing_carried_over(subject: Subject) -> None:
 
 
 def _each_sibling_case(subject: Subject) -> Iterator[Case]:
-    """Yield the cases one at a time, so that each may reuse the memory of the previous case."""
+    """Yield the test cases of equal size one at a time, so that each may reuse the previous memory."""
     none = True
     for case in siblings(subject.kind, partition=subject.partitions):
         if select_accepted(subject, [case]):
@@ -101,7 +101,7 @@ def _each_sibling_case(subject: Subject) -> Iterator[Case]:
 
 @law(*SIBLINGS)
 def answers_stay(subject: Subject) -> None:
-    """Later calls leave the answers of earlier calls unchanged."""
+    """Later calls leave the results of earlier calls unchanged."""
     tool, records = subject.build(), []
     for case in _sibling_cases(subject):
         returned = answer(subject, tool, case)
@@ -136,7 +136,7 @@ def in_two_threads(subject: Subject) -> None:
 
 
 def _nest_calls(subject: Subject, case_pair: Sequence[Case], file: str | None, stop: int) -> list[Any]:
-    """Return the answers of one object to two cases.
+    """Run two calls of one object concurrently, and return both results.
 
     The second call starts while the first call is at line number ``stop`` of a file.
     """
@@ -150,14 +150,14 @@ def _copy_answer(subject: Subject, tool: Any, case: Case) -> Any:
 
 
 class _Stepper:
-    """Run a call in a thread, and start a second call before line number ``stop`` of a file."""
+    """Run a call in a thread, and start a second call at the ``stop``-th executed line of a file."""
 
     def __init__(self, file: str | None, stop: int, other: Callable[[], Any]) -> None:
         self.file, self.stop, self.other, self.count = file, stop, other, 0
         self.threads: list[threading.Thread] = []
 
     def run(self, call: Callable[[], Any]) -> Any:
-        """Return the result of the call.
+        """Run the first call, and return its result.
 
         Exceptions of both calls are raised here.
         """
@@ -204,7 +204,7 @@ class _Stepper:
 
 @law(*SIBLINGS)
 def lets_go(subject: Subject) -> None:
-    """No input or answer is kept after a call: memory, open files and threads do not accumulate."""
+    """No input or result is kept after a call: memory, open files and threads do not accumulate."""
     tool = subject.build()
     remedy = "keep nothing of a call in self, in the class or in the module"
     gc.freeze()  # so that later collections only visit objects of the calls
@@ -227,7 +227,7 @@ def lets_go(subject: Subject) -> None:
 
 
 def _measure_usage(subject: Subject, tool: Any) -> Float:
-    """Return bytes, open files and threads after each round of a repeated case.
+    """Repeat a call in rounds, and return memory in bytes, open files and threads after each round.
 
     The rounds end when a round adds nothing. Free lists and bounded caches fill during the first rounds,
     which takes longer if a component makes many internal calls. Leaked memory grows in every round.
@@ -249,12 +249,12 @@ def _measure_usage(subject: Subject, tool: Any) -> Float:
 
 
 def _growth_per_call(usage: ArrayLike) -> Float:
-    """Return the growth per call in each round except the first."""
+    """Return the growth of memory, files and threads per call, in each round except the first."""
     return np.diff(usage, axis=0)[1:] / _CALLS
 
 
 def _has_settled(usage: ArrayLike) -> bool:
-    """Return True if the growth in the last round is negligible."""
+    """Return True if memory, files and threads hardly grew in the last round."""
     return bool((_growth_per_call(usage)[-1] <= (_KEPT_BYTES, 0, 0)).all())
 
 
@@ -290,7 +290,7 @@ def a_level_is_its_blocks(subject: Subject) -> None:
 
 
 def _move_other_points(case: Case) -> Case:
-    """Return the case with points of other blocks moved onto a point of its own.
+    """Move the points outside the blocks of a test case onto a point of its blocks.
 
     The graph still holds the points of the whole level.
     """
@@ -302,12 +302,12 @@ def _move_other_points(case: Case) -> Case:
 
 
 def _few_blocks(level: Case) -> tuple[Case, Sequence[int]]:
-    """Return some small blocks of a level, for slow components."""
+    """Restrict a test case to twelve small blocks for slow components, and select three of them."""
     return part_of_level(level, np.arange(1, 13)), (0, 3, 11)
 
 
 def _require_independent_blocks(subject: Subject, case: Case, blocks: Sequence[int]) -> None:
-    """Require equal results for the chosen blocks alone, and for up to 21 blocks in another order."""
+    """Require equal results for blocks alone, and among up to 21 blocks in another order."""
     graph = case.given[0]
     remedy = (
         "take sums, extremes and scales within each block (graph.block_ids, graph.offsets), never over the "
@@ -363,7 +363,7 @@ def never_written(subject: Subject) -> None:
 
 @law(*_OWNED)
 def read_anew(subject: Subject) -> None:
-    """Arrays overwritten by the caller since the last call are read again."""
+    """If the caller overwrites an array between two calls, the second call uses the new values."""
     for case in _small_cases(subject):
         tool = subject.build()
         for _ in range(3):
@@ -380,7 +380,7 @@ def read_anew(subject: Subject) -> None:
 
 
 def _change(case: Case) -> None:
-    """Overwrite the arrays of a case: reverse them, move a cell to another part, double a matrix."""
+    """Overwrite the arrays of a test case: reverse them, move a cell to another part, double a matrix."""
     problem = case.given[0]
     if isinstance(problem, Linear):
         problem.b[:] = problem.b[::-1].copy()

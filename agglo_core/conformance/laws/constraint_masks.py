@@ -1,4 +1,4 @@
-"""Laws for the masks of a constraint, and for runs under a constraint."""
+"""Laws for the boolean masks of a constraint, and for agglomeration runs under a constraint."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from agglo_core.graph import Graph
 
 @law("constraint")
 def masks(subject: Subject) -> None:
-    """Masks are boolean arrays, with one entry per CSR entry or per part."""
+    """Masks are boolean arrays, with one value per CSR entry of the graph or per part."""
     for case in questions(subject):
         mesh, labels = case.given
         parts = int(labels.max()) + 1
@@ -50,7 +50,7 @@ def both_directions(subject: Subject) -> None:
 
 @law("constraint")
 def numbering_ignored(subject: Subject) -> None:
-    """Renumbering the cells changes nothing."""
+    """Constraints do not depend on the numbering of the cells."""
     for mesh in (small_meshes.grid(9, 7, jitter=0.25), small_meshes.mixed_polygons()):
         marked_mesh = tag_cells_and_faces(mesh)
         renumbered_mesh, order = small_meshes.change_mesh(marked_mesh, "renumbered")
@@ -146,7 +146,7 @@ def parts_admissible(subject: Subject) -> None:
 
 
 def _pairs(graph: Graph, mask: Mask) -> Int:
-    """Return the mask as a dense matrix ``(n, n)`` with entries 0 and 1."""
+    """Return a mask of graph edges as a dense matrix ``(n, n)`` with entries 0 and 1."""
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     matrix = np.zeros((graph.n, graph.n), np.int64)
     matrix[rows, graph.indices] = mask
@@ -154,7 +154,7 @@ def _pairs(graph: Graph, mask: Mask) -> Int:
 
 
 def _answer_unless_refused(subject: Subject, case: Case) -> dict[str, Mask]:
-    """Return the answer, or an empty dictionary if the case is refused."""
+    """Return the masks of a constraint, or an empty dictionary if it refuses the test case."""
     try:
         return dict(answer(subject, subject.build(), case))
     except Broken as error:

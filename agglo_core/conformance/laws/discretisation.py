@@ -47,7 +47,7 @@ def system_fits_mesh(subject: Subject) -> None:
 
 @law("discretisation")
 def constants_kept(subject: Subject) -> None:
-    """The projection of a constant is this constant, both evaluated in cells and sampled."""
+    """The projection of a constant is this constant, by ``evaluate`` and by ``sample``."""
     for case in questions(subject):
         tool, mesh = subject.build(), case.given[1]
         x = as_array(tool.project(mesh, lambda points: np.full(len(points), 3.0)))

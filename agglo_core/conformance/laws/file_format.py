@@ -81,7 +81,7 @@ def lossless_kept(subject: Subject) -> None:
 
 @law("format", when=lambda subject: _writes(subject) and subject.has("read_hierarchy"))
 def hierarchy_kept(subject: Subject) -> None:
-    """With a method read_hierarchy the labels of every level come back unchanged."""
+    """If the format has a method read_hierarchy, the labels of every level are read back unchanged."""
     for case in questions(subject):
         mesh, suffix = case.given
         levels = [bands(mesh, 4), bands(mesh, 4) // 2]
@@ -122,7 +122,7 @@ def broken_files_refused(subject: Subject) -> None:
 
 @law("format", when=_writes)
 def files_left_alone(subject: Subject) -> None:
-    """Reading changes no file, and writing only creates files with the given stem and the ``folders``."""
+    """Reading changes no file, and writing creates only files with the given stem and the ``folders``."""
     for case in questions(subject):
         with _folder(case) as folder:
             (folder / "other.txt").write_text("not yours")
@@ -158,10 +158,7 @@ def _attribute(subject: Subject, name: str) -> bool:
 
 @contextmanager
 def _folder(case: Case) -> Iterator[Path]:
-    """Yield a temporary folder.
-
-    Exceptions of the component become Broken.
-    """
+    """Yield a temporary folder, and turn exceptions of the component into violations of the law."""
     with TemporaryDirectory() as name:
         try:
             yield Path(name)
@@ -172,7 +169,7 @@ def _folder(case: Case) -> Iterator[Path]:
 
 
 def _require_refused(tool: Any, suffix: str, name: str, content: bytes, mesh: Mesh | None) -> None:
-    """Require that a file is refused.
+    """Require that reading an invalid file raises an AggloError.
 
     A file truncated by trailing blanks may still return the whole mesh.
     """

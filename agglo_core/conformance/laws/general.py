@@ -1,4 +1,4 @@
-"""Laws for all kinds: declaration, construction, untouched input and surroundings."""
+"""Laws for all kinds: declaration, construction, unchanged input and unchanged process settings."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def promises_can_be_kept(subject: Subject) -> None:
 
 @law(*(kind for kind in ASKED if kind != "format"))
 def surroundings_kept(subject: Subject) -> None:
-    """Process settings are kept: np.seterr, environment, folder, warnings, signals, threads, files."""
+    """Process settings stay unchanged: np.seterr, environment, folder, warnings, signals, threads, files."""
     remedy = "these settings belong to the program: change them in a with block (np.errstate) or not at all"
     require(not subject.disturbed, f"building it changed {', '.join(subject.disturbed)}: {remedy}")
     tool, before = subject.build(), Snapshot()
@@ -94,7 +94,7 @@ def surroundings_kept(subject: Subject) -> None:
 
 @law(*ASKED)
 def answers(subject: Subject) -> None:
-    """Every test mesh gets an answer (solvers, discretisations, formats and constraints may refuse some)."""
+    """Every test mesh gives a result (solvers, discretisations, formats and constraints may refuse some)."""
     test_cases = questions(subject)
     require(
         test_cases or subject.kind not in _REFUSING or _only_reads(subject), _REFUSING.get(subject.kind, "")

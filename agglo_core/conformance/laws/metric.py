@@ -1,4 +1,4 @@
-"""Laws for a quality metric: values, changes by moves, and invariance."""
+"""Laws for quality metrics: values, their changes when cells move, and invariance."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def holes(subject: Subject) -> None:
 
 
 def _known_name(subject: Subject) -> str:
-    """Return the declared name, or for a bare class its name in snake case."""
+    """Return the name under which a metric's values are known: as declared, or the class in snake case."""
     snake_name = re.sub("(?<=[a-z])(?=[A-Z])", "_", getattr(subject.given, "__name__", "")).lower()
     return subject.name or (snake_name if snake_name in PLAIN else "")
 
@@ -148,7 +148,7 @@ def shape_only_is_true(subject: Subject) -> None:
 
 
 def _coarsen_case(case: Case) -> Case:
-    """Return the case on the coarse mesh, whose cells are the parts."""
+    """Replace the mesh of a test case by the coarse mesh, whose cells are the parts."""
     mesh, labels = case.given
     coarse = mesh.coarsen(labels)
     return Case(f"{case.name} coarsened", (coarse, frozen_int(np.arange(coarse.n_cells))))
@@ -189,7 +189,7 @@ def require_bounds(subject: Subject, case: Case) -> None:
 
 
 def allowed_rounding(subject: Subject, case: Case, share: float) -> float:
-    """Return the rounding error allowed for a value of 0.
+    """Return the absolute rounding error allowed for a metric value of 0.
 
     The error is ``share`` times the unit given by the cell size.
     """
@@ -204,7 +204,7 @@ def require_close(
     tolerance: float = 1e-6,
     floor: float = 0.0,
 ) -> None:
-    """Require close values.
+    """Require that metric values are close to the expected values.
 
     The difference may be at most ``tolerance`` times the largest value, plus ``floor``. NaN equals NaN.
 
@@ -285,14 +285,17 @@ def _ask_changes(name: str, tool: Any, graph: Graph, labels: Int, cells: Int, pa
 
 
 def _many_parts() -> Case:
-    """Return more than a thousand parts, some with two cells."""
+    """Return a test case with more than a thousand parts, some with two cells."""
     mesh, names = many_alone().given
     _, labels = np.unique(np.where(names > 1000, names // 2 * 2, names), return_inverse=True)
     return Case("a thousand parts", (mesh, frozen_int(labels)))
 
 
 def _moves(mesh: Mesh, labels: Int, most: int = _MOVES) -> tuple[Int, Int]:
-    """Return moves to a neighbouring part that leave no part empty, and a move to the own part."""
+    """Return cells and target parts for moves across part borders, and for a move that changes nothing.
+
+    No move empties a part.
+    """
     graph, sizes = mesh.graph, np.bincount(labels)
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     crossing = (labels[rows] != labels[graph.indices]) & (sizes[labels[rows]] > 1)
@@ -353,7 +356,7 @@ def renaming(subject: Subject) -> None:
 
 @law("metric", promise="3d")
 def unmoved_in_space(subject: Subject) -> None:
-    """In 3-D too, values respect bounds and scaling, and ignore position and numbering."""
+    """In 3-D too, values lie within the bounds, scale, and do not depend on position or numbering."""
     # In 3-D a length may become an area, so the power lies between the declared power and twice that.
     declared = subject.build().homogeneity
     powers = {declared + k for k in np.sign(declared) * np.arange(abs(declared) + 1)}
@@ -417,7 +420,7 @@ def far_parts_do_not_matter(subject: Subject) -> None:
 
 @law("metric", when=lambda subject: not getattr(subject.build(), "directional", False))
 def better_is_better(subject: Subject) -> None:
-    """If equal squares have equal values, squares are not the worst among bars, zigzags and loose cells."""
+    """If equal squares have equal values, they do not rate worst against bars, zigzags and loose cells."""
     tool = subject.build()
     sign = 1.0 if tool.better == "high" else -1.0
     framings = (False,) if getattr(tool, "relative", False) else (False, True)
@@ -432,7 +435,7 @@ def better_is_better(subject: Subject) -> None:
 
 
 def _means(subject: Subject, framed: bool) -> list[float]:
-    """Return the mean values for squares and for the other layouts with finite values.
+    """Return the mean metric value of square parts, and of each worse layout with finite values.
 
     The list is empty if equal squares have different values: the metric then depends on position.
     """

@@ -87,7 +87,7 @@ def parts_kept(subject: Subject) -> None:
 
 @law("refiner")
 def components_not_raised(subject: Subject) -> None:
-    """No part splits into more pieces than before."""
+    """No part has more connected components than before."""
     for case in every_graph(subject):
         graph, labels = case.given[:2]
         after = plain(subject, subject.build(), case)
@@ -101,7 +101,7 @@ def components_not_raised(subject: Subject) -> None:
 
 @law("refiner")
 def objective_kept(subject: Subject) -> None:
-    """The named objective, built in (interface, …) or a metric's sum, gets worse in no block."""
+    """The declared objective (interface, … or the sum of a metric over the parts) worsens in no block."""
     tool = subject.build()
     name = tool.objective
     everywhere = [*every_graph(subject), *in_space(subject)]
@@ -121,7 +121,7 @@ def objective_kept(subject: Subject) -> None:
 
 
 def _in_blocks(objective: Objective) -> Callable[[Graph, Int], Any]:
-    """Return the objective per block, as if each block were alone, as a function of graph and labels."""
+    """Return a function of graph and labels that evaluates the objective on each block separately."""
 
     def value(graph: Graph, labels: Int) -> Float:
         parts = numbered_parts(graph, labels)
@@ -136,7 +136,7 @@ def _in_blocks(objective: Objective) -> Callable[[Graph, Int], Any]:
 
 
 def _sum_of_metric(subject: Subject, tool: Any, case: Case) -> Callable[[Graph, Int], float]:
-    """Return the sum of a metric on the mesh of a case as a function of graph and labels.
+    """Return a function of graph and labels that sums a metric over the parts of a test mesh.
 
     The sign is set so that lower is better.
     """
@@ -151,9 +151,9 @@ def _sum_of_metric(subject: Subject, tool: Any, case: Case) -> Callable[[Graph, 
 
 
 def in_more_pieces(kind: str, graph: Graph, before: Int, after: Int) -> list[tuple[int, int, int]]:
-    """List block, label and piece count of each part with more pieces than before.
+    """List each part (block, label) with more connected components than before, and their number.
 
-    For a fixer, list each part with more than a single piece.
+    For a fixer, list each part with more than a single component.
     """
     had, has = loose_parts(graph, before), loose_parts(graph, after)
     limits = {part: 1 if kind == "fixer" else had.get(part, 0) for part in has}
@@ -161,7 +161,7 @@ def in_more_pieces(kind: str, graph: Graph, before: Int, after: Int) -> list[tup
 
 
 def loose_parts(graph: Graph, labels: Int) -> dict[tuple[int, int], int]:
-    """Return the number of connected pieces of each part (block, label)."""
+    """Return the number of connected components of each part (block, label)."""
     # Connected components of the graph without edges between parts.
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     inside = labels[rows] == labels[graph.indices]

@@ -1,4 +1,4 @@
-"""Laws for a kind of problem: name, tables, example and untouched input."""
+"""Laws for a problem kind: name, construction from tables, example, and immutability."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def table_left_alone(subject: Subject) -> None:
 
 
 def _from_table(subject: Subject, table: dict[str, Any]) -> Any:
-    """Return the problem made from a table, or the exception raised."""
+    """Build a problem from a table, and return the problem or the exception raised."""
     (mesh,) = on_meshes("problem")[0].given
     try:
         return subject.build().from_table(table, mesh, Path())

@@ -1,4 +1,4 @@
-"""Laws switched on by promises, also for bisectors returned by for_target."""
+"""Laws for the promises of a component, also for bisectors returned by for_target."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _IN_SPACE = {**MOTIONS, "scaled by 1e-7": Change(scale=1e-7), "scaled by 1e7": C
 
 
 def _kinds_with_promise(promise: str) -> tuple[str, ...]:
-    """Return the kinds that may make a promise and are called by the suite."""
+    """Return the kinds of component that may make this promise, except samples."""
     return tuple(kind for kind in ASKED if promise in KINDS[kind].promises)
 
 
@@ -61,7 +61,7 @@ def kway_declared(subject: Subject) -> None:
 
 @law(*_kinds_with_promise("deterministic"), promise="deterministic")
 def deterministic(subject: Subject) -> None:
-    """The answer depends only on the input, not on the seed or on other calls."""
+    """The result depends only on the input, not on the seed or on other calls."""
     tool = subject.build()
     test_cases = questions(subject)
     first = [plain(subject, tool, case) for case in test_cases]
@@ -107,7 +107,7 @@ def balanced(subject: Subject) -> None:
 
 @law("bisector", "refiner", "fixer", promise="invariant")
 def invariant(subject: Subject) -> None:
-    """Without symmetry, renumbering, rotation, scaling and a shift by a million diameters change nothing."""
+    """Renumbering, rotating, scaling or shifting an asymmetric mesh (by 1e6 diameters) changes no result."""
     # Irregular grids; the large grid is only renumbered.
     every = small_meshes.CHANGES
     mesh_changes = [
@@ -158,7 +158,7 @@ def _require_unmoved_in_space(subject: Subject) -> None:
 
 @law(*_kinds_with_promise("3d"), promise="3d")
 def space(subject: Subject) -> None:
-    """In 3-D the answer is as good as in 2-D: full length, finite, both sides, all parts."""
+    """In 3-D the result is as good as in 2-D: full length, finite, both sides, all parts."""
     test_cases = cases_in_3d(subject.kind)
     if subject.kind in ("solver", "format"):
         test_cases = select_accepted(subject, test_cases)
@@ -215,7 +215,7 @@ def _copy_by_pickle(thing: Any) -> Any:
 
 
 def _cases_on(kind: str, mesh: Mesh, changed_mesh: Mesh, order: Int | None) -> list[Case]:
-    """Return cases on ``changed_mesh`` with the labels, if any, carried over from ``mesh``."""
+    """Return test cases on ``changed_mesh``, with labels taken over from ``mesh`` where needed."""
     if kind == "bisector":
         return [Case(changed_mesh.name, (changed_mesh.graph, seeds_for(1)))]
     x, y = mesh.local_centroids.T[:2]
@@ -255,7 +255,7 @@ _JUDGED = (
 
 @law("bisector", when=has_for_target)
 def told_keeps_promises(subject: Subject) -> None:
-    """The result of for_target obeys the laws for bisectors, and keeps the promises of the original."""
+    """Bisectors returned by for_target obey the laws for bisectors, and keep the original's promises."""
     rules = [rule for rule in laws_of("bisector") if rule.name in _JUDGED and rule.applies(subject)]
     for target in _TARGETS:
         tool = subject.build()

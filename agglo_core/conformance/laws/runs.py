@@ -1,4 +1,4 @@
-"""Laws for whole runs, child processes and large meshes.
+"""Laws for complete agglomeration runs, child processes and large meshes.
 
 These laws are judged last, because failures of earlier laws are easier to read.
 """
@@ -34,7 +34,7 @@ _LONGER = 1.25
 
 @law("bisector", "refiner", "fixer", "metric")
 def works_in_a_run(subject: Subject) -> None:
-    """Runs by count and by size give connected parts as requested, and metrics measure such parts."""
+    """Runs for a target count or size give connected parts as requested, and metrics can measure parts."""
     try:
         if subject.kind == "metric":
             mesh = small_meshes.grid(9, 7, jitter=0.2)
@@ -75,7 +75,7 @@ def grows_alike(subject: Subject) -> None:
 
 @law(*SIBLINGS, when=can_be_sent)
 def same_in_another_process(subject: Subject) -> None:
-    """Another process with other hash values and another current folder gives equal answers."""
+    """Another process with other hash values and another current folder gives equal results."""
     test_cases, tool = cases_elsewhere(subject), subject.build()
     with global_random(1):
         expected = [plain(subject, tool, case) for case in test_cases]
@@ -104,7 +104,7 @@ def _is_thorough(subject: Subject) -> bool:
 
 @law("bisector", "refiner", "fixer", when=_is_thorough)
 def large_meshes(subject: Subject) -> None:
-    """On 50,000 cells the answer is as good as on few: both sides, all parts, none in more pieces."""
+    """On 50,000 cells the result is as good as on few: both sides, all parts, none in more components."""
     case = _case(subject.kind, _HUGE)
     graph = case.given[0]
     values = plain(subject, subject.build(), case)
@@ -141,7 +141,7 @@ def _case(kind: str, size: tuple[int, int]) -> Case:
 
 
 def _seconds(subject: Subject, case: Case) -> float:
-    """Return the CPU time of an answer: the minimum of three, because other load only increases it."""
+    """Return the CPU time of a call: the minimum of three, because other load only increases it."""
     seconds = []
     for _ in range(3):
         tool, start = subject.build(), time.process_time()

@@ -1,4 +1,4 @@
-"""Laws for smoothers: effect on the error, on both sides of a correction, and on several levels."""
+"""Laws for smoothers: error reduction, symmetry, pre- and post-smoothing, independent levels."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def error_reduced(subject: Subject) -> None:
 
 @law("smoother")
 def rough_error_damped(subject: Subject) -> None:
-    """Rough errors shrink to at most 0.9 times the remainder of smooth errors (without coarse correction)."""
+    """Rough errors shrink by a factor at most 0.9 times that of smooth errors (without coarse correction)."""
     for case in questions(subject):
         level = case.given[0]
         if level.coarse is None and len(case.given[1]) > 1:
@@ -117,7 +117,7 @@ def smoother_symmetric(subject: Subject) -> None:
 
 
 def _uneven() -> Case:
-    """Return a level with couplings between 1 and 100."""
+    """Return a test case for smoothers with matrix couplings between 1 and 100."""
     case = cases("smoother")[0]
     level = case.given[0]
     A = uneven(small_meshes.grid(8, 8).graph, 1).A
@@ -125,19 +125,19 @@ def _uneven() -> Case:
 
 
 def _combine_modes(modes: Float) -> Float:
-    """Return the sum of modes ``(n, k)`` with random signs."""
+    """Return the sum of modes ``(n, k)``, each with a random sign."""
     signs = np.random.default_rng(1).choice([-1.0, 1.0], modes.shape[1])
     return np.asarray(modes @ signs)
 
 
 def apply_smoother(subject: Subject, case: Case, b: Float, x: Float) -> Float:
-    """Apply a smoother to a right-hand side and an x ``(n,)``."""
+    """Apply a smoother to a right-hand side ``b`` and an approximation ``x``, both ``(n,)``."""
     new_case = Case(case.name, (case.given[0], frozen_float(b), frozen_float(x)))
     return plain(subject, subject.build(), new_case)
 
 
 def _error_left(subject: Subject, case: Case, error: Float) -> Float:
-    """Return the remaining error after smoothing.
+    """Smooth an error ``(n,)``, and return the remaining error.
 
     The exact solution is 0.
     """
@@ -152,14 +152,14 @@ _CLOSE = 1e-8
 
 
 def _two_sided(subject: Subject) -> bool:
-    """Return True if the result of ``setup`` has a method ``before`` or ``after``."""
+    """Return True if the smoother defines ``before`` or ``after`` for pre- and post-smoothing."""
     smooth = subject.build().setup(cases("smoother")[0].given[0])
     return hasattr(smooth, "before") or hasattr(smooth, "after")
 
 
 @law("smoother", when=_two_sided)
 def both_sides(subject: Subject) -> None:
-    """``before`` and ``after`` are defined together, and return the pair (x, residual) and x."""
+    """``before`` and ``after`` are defined together, and return (x, residual) and x, respectively."""
     for case in questions(subject):
         n = case.size
         x, r = _before(subject, case, case.given[1])
@@ -249,7 +249,7 @@ def _after(subject: Subject, case: Case, b: Float, x: Float) -> Any:
 
 
 def _call_method(subject: Subject, case: Case, method: str, *arguments: Float) -> Any:
-    """Call a method of a newly set up smoother."""
+    """Set up the smoother of a test case, and call its method ``before`` or ``after``."""
     try:
         side = getattr(subject.build().setup(case.given[0]), method, None)
         if not callable(side):

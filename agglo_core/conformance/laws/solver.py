@@ -52,7 +52,7 @@ _CLOSE = 1e-4  # distinguishes wrong from unfinished: each solver stops at a tol
 
 @law("solver")
 def solution_record(subject: Subject) -> None:
-    """The Solution has x and b of one length, a square A, and iterations + 1 residuals."""
+    """The Solution has x and b of equal length, a square A, and iterations + 1 residuals."""
     for case in cases_with_3d(subject):
         it = solve(subject, case)
         # Shapes, types and number of residuals, in this order.
@@ -159,7 +159,7 @@ def failure_flagged(subject: Subject) -> None:
 
 @law("solver")
 def operators_chain(subject: Subject) -> None:
-    """Operators, if any, are pairs (A, P) finest first, where P leads from the next level (last: None)."""
+    """Operators, if any, are pairs (A, P), finest first: P prolongs from the next level (last: None)."""
     for case in cases_with_3d(subject):
         it = solve(subject, case)
         for level, (A, P) in enumerate(it.operators):
@@ -179,7 +179,7 @@ def operators_chain(subject: Subject) -> None:
 
 @law("solver")
 def field_forms_agree(subject: Subject) -> None:
-    """Coefficients and sources mean the same as a number, as one value per cell or as a callable."""
+    """A coefficient or source has the same effect as a number, as one value per cell or as a function."""
     for case in first_case(subject, Diffusion):
         n = case.given[1].graph.n
         expected = solve(subject, with_problem(case, kappa=2.0, source=3.0)).x
@@ -257,7 +257,7 @@ def given_matrix_used(subject: Subject) -> None:
 
 
 def _require_own_residual(name: str, it: Solution) -> None:
-    """Require that the last residual belongs to x, unless the method broke down."""
+    """Require that the last residual is the norm of b − A x, unless the method broke down."""
     if np.isfinite(it.x).all() and len(it.residuals):
         size, true = (float(np.linalg.norm(v)) for v in (it.b, it.b - it.A @ it.x))
         require(
@@ -275,7 +275,7 @@ _NOISE = 1e-9  # relative to the first residual; rounding dominates below
 
 
 def _basic_cases(subject: Subject) -> list[Case]:
-    """Return a diffusion problem and an uneven linear system, if the solver accepts them."""
+    """Return a diffusion problem and a linear system with random couplings, if the solver accepts them."""
     test_cases = first_case(subject, Diffusion)
     for case in first_case(subject, Linear):
         hierarchy = case.given[1]
@@ -285,7 +285,7 @@ def _basic_cases(subject: Subject) -> list[Case]:
 
 
 def _hard_cases(subject: Subject) -> list[Case]:
-    """Return systems whose residual first increases, or cannot become small."""
+    """Return linear systems whose residual first increases, or cannot become small."""
     hard = {
         "unknowns in different units": rising_residual_system,
         "an ill-conditioned matrix": ill_conditioned,
@@ -299,7 +299,7 @@ def _hard_cases(subject: Subject) -> list[Case]:
 
 
 def _scale_system(case: Case, matrix: float, data: float) -> Case:
-    """Return the case with matrix and right-hand side multiplied."""
+    """Multiply matrix and right-hand side in a test case by constants."""
     problem = case.given[0]
     if isinstance(problem, Linear):
         return with_problem(case, A=matrix * problem.A, b=data * problem.b)
@@ -403,7 +403,7 @@ def _require_honest(name: str, it: Solution, most: int) -> None:
 
 @law("solver")
 def claims_hold(subject: Subject) -> None:
-    """Claimed convergence is true for rough coefficients, one part, three levels or loose parts."""
+    """Claimed convergence is true for rough coefficients, one part, three levels or disconnected parts."""
     for case in awkward_cases():
         plain_sort = not isinstance(case.given[0], Linear) or case.sort == "linear"
         if plain_sort or first_case(subject, Linear):
@@ -433,7 +433,7 @@ def each_solve_alone(subject: Subject) -> None:
 
 
 def _with_option(subject: Subject, case: Case, name: str, value: float) -> Solution | None:
-    """Return the solution with an option set, or None if the value or the problem is refused."""
+    """Solve with an option set, or return None if the solver refuses the value or the problem."""
     try:
         tool = subject.make(**{name: value})
     except (AggloError, TypeError, ValueError):
@@ -462,7 +462,7 @@ _ROUNDING = 1e-10  # relative to the solution; the direct solution is no more ac
 
 @law("solver")
 def told_error_holds(subject: Subject) -> None:
-    """Any reported energy error, stopping tests and rounding limit are true for x."""
+    """Reported energy errors, stopping tests and rounding limits are true for the returned x."""
     for case in cases_with_3d(subject):
         it = solve(subject, case)
         require(
@@ -536,7 +536,7 @@ def coarse_operators_inherited(subject: Subject) -> None:
 
 
 def _galerkin_error(A: Any, P: Any, coarse: Any) -> float:
-    """Return the largest entry of Pᵀ A P minus the coarse matrix, relative to its diagonals."""
+    """Return the largest entry of Pᵀ A P minus the coarse matrix, relative to the diagonal entries."""
     galerkin, sizes = P.T @ A @ P, abs(P).T @ abs(A) @ abs(P)
     unit = np.sqrt(np.maximum(sizes.diagonal(), 1e-300))
     error = np.abs((galerkin - coarse).toarray())
@@ -568,7 +568,7 @@ def symmetric(subject: Subject) -> None:
 
 
 def _preconditioner(tool: Any, case: Case) -> LinearOperator | None:
-    """Return the preconditioner of a system, or None if the system is refused."""
+    """Return the preconditioner for a system, or None if the solver refuses the system."""
     try:
         return tool.aspreconditioner(*case.given)
     except AggloError:
@@ -576,7 +576,7 @@ def _preconditioner(tool: Any, case: Case) -> LinearOperator | None:
 
 
 def _require_definite(case: Case, operator: LinearOperator | None) -> None:
-    """Require that M has only positive eigenvalues, scaled so that A has a unit diagonal."""
+    """Require that the preconditioner M is symmetric and definite, scaled so that A has a unit diagonal."""
     if operator is None:
         return
     unit = np.sqrt(case.given[0].A.diagonal())

@@ -46,7 +46,7 @@ def _unknowns(subject: Subject, problem: Diffusion, hierarchy: Hierarchy) -> Flo
 
 
 def _unknowns_of_one(subject: Subject, hierarchy: Hierarchy, boundary: str = "boundary") -> Float | None:
-    """Return the unknowns of the constant 1."""
+    """Return the vector of unknowns whose exact solution is the constant 1, or None if refused."""
     problem = Diffusion(source=0.0, dirichlet=dict.fromkeys(SIDES, 1.0), boundary=boundary)
     return _unknowns(subject, problem, hierarchy)
 
@@ -224,7 +224,7 @@ def place_and_size(subject: Subject) -> None:
 def _sample_solution(
     subject: Subject, hierarchy: Hierarchy, problem: Diffusion
 ) -> tuple[Float, Float] | None:
-    """Return points and solution values, or None if refused or if the meaning of x is unknown."""
+    """Return points and solution values there, or None if refused or if x cannot be evaluated."""
     constant = _unknowns_of_one(subject, hierarchy, problem.boundary)
     x = _unknowns(subject, problem, hierarchy)
     require(

@@ -34,7 +34,7 @@ _SEES_SPACE = tuple(kind for kind in ASKED if kind not in ("smoother", *PARTS))
 
 @law(*KINDS)
 def same_seed_same_result(subject: Subject) -> None:
-    """Two objects with equal options give equal answers to equal calls with the same seed."""
+    """Two objects with equal options give equal results for equal calls with the same seed."""
     for case in questions(subject):
         first, second = (_answer_repeatably(subject, case) for _ in range(2))
         require(
@@ -46,7 +46,7 @@ def same_seed_same_result(subject: Subject) -> None:
 
 @law(*ASKED)
 def no_memory(subject: Subject) -> None:
-    """A repeated call on one object gives an equal answer."""
+    """A repeated call of one object gives an equal result."""
     for case in questions(subject):
         tool = subject.build()
         first, second = (_answer_repeatably(subject, case, tool) for _ in range(2))
@@ -73,7 +73,7 @@ def global_random_state(subject: Subject) -> None:
 
 @law(*KINDS)
 def says_nothing(subject: Subject) -> None:
-    """Nothing is printed, because stdout belongs to the program."""
+    """Nothing is printed, because stdout is reserved for the calling program."""
     printed = io.StringIO()
     with stdout_of_process() as read_output, contextlib.redirect_stdout(printed):
         for case in questions(subject):
@@ -114,7 +114,7 @@ def space_served_or_refused(subject: Subject) -> None:
 
 
 def _answer_repeatably(subject: Subject, case: Case, tool: Any = None) -> NDArray[Any]:
-    """Return the answer of ``tool`` or of a new object, with a fixed global random state.
+    """Call ``tool`` or a newly built component with a fixed global random state.
 
     The use of the global state is judged by another law.
     """

@@ -14,9 +14,9 @@ from agglo_core.registry.containment import PLUGIN_FAILURES
 
 @contextmanager
 def import_again(subject: Subject) -> Iterator[Subject]:
-    """Yield the subject with its module imported again, without caches and changed class attributes.
+    """Yield the component with its module imported again, without caches and changed class attributes.
 
-    The subject itself is yielded for objects, and for modules that cannot be imported twice.
+    The component is yielded unchanged for objects, and for modules that cannot be imported twice.
     """
     target = subject.target
     module, name = str(getattr(target, "__module__", "")), str(getattr(target, "__qualname__", "<"))

@@ -1,4 +1,4 @@
-"""Answers of a component in a child process, with another hash seed and another current folder.
+"""Call a component in a child process, with another hash seed and another current folder.
 
 If the component promises pickling, a pickled object answers as well.
 """
@@ -46,15 +46,15 @@ def can_be_sent(subject: Subject) -> bool:
 
 
 def cases_elsewhere(subject: Subject) -> list[Case]:
-    """Return the cases for the child process: the ordinary cases, and meshes with several tags."""
+    """Return the test cases for the child process: standard cases, and meshes with several tags."""
     return [*questions(subject), *select_accepted(subject, with_tags(subject.kind))]
 
 
 def answers_elsewhere(subject: Subject) -> dict[str, list[NDArray[Any]]]:
-    """Return the answers of the component to the ordinary cases in a child process.
+    """Call a component with its test cases in a child process, and return the results.
 
-    The answers under ``"built"`` come from an object built there. If the component promises pickling, the
-    answers under ``"pickled"`` come from an object pickled here. The child process has an empty current
+    The results under ``"built"`` come from an object built there. If the component promises pickling, the
+    results under ``"pickled"`` come from an object pickled here. The child process has an empty current
     folder, unless there are options: these may name files in the current folder.
 
     Raises
@@ -92,7 +92,7 @@ def answers_elsewhere(subject: Subject) -> dict[str, list[NDArray[Any]]]:
 
 
 def main() -> None:
-    """Answer the cases for the component described on stdin.
+    """Call the component described on stdin with its test cases, and print the results as JSON.
 
     Other output goes to stderr.
     """
