@@ -1,4 +1,4 @@
-"""Protocols of constraints."""
+"""Protocols of constraints on parts: forbidden edges, admissible contents, minimum contents."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class Forbidding(Protocol):
-    """A constraint on pairs of neighbours.
+    """Constraint that forbids edges of the graph: each part must be connected without them.
 
     Examples
     --------
@@ -27,7 +27,7 @@ class Forbidding(Protocol):
     """
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Return the mask ``(m,)`` of forbidden CSR entries, equal for both directions.
+        """Return the mask ``(m,)`` of forbidden edges (CSR entries), equal for both directions of an edge.
 
         Parts are connected without these edges; they may reach around the end of a barrier.
         """
@@ -35,7 +35,7 @@ class Forbidding(Protocol):
 
 @runtime_checkable
 class Admitting(Protocol):
-    """A constraint on the contents of a part.
+    """Constraint that admits or rejects each part by its contents.
 
     Pieces of admissible parts must also be admissible.
 
@@ -61,7 +61,7 @@ class Admitting(Protocol):
 
 @runtime_checkable
 class Completing(Protocol):
-    """A constraint on the minimum contents of a part.
+    """Constraint on the minimum contents of a part: an incomplete part should join a neighbour.
 
     Examples
     --------
@@ -77,7 +77,7 @@ class Completing(Protocol):
     """
 
     def incomplete(self, graph: Graph, labels: Int) -> Mask:
-        """Return the mask ``(k,)`` of parts that should join a neighbour, unless this is forbidden."""
+        """Return the mask ``(k,)`` of parts that should join a neighbouring part, where this is allowed."""
 
 
 Constraint = Forbidding | Admitting | Completing

@@ -1,4 +1,4 @@
-"""Protocols of file formats."""
+"""Protocols of file formats: reading, writing, and storage of hierarchies."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ class Format(Protocol):
     lossless: bool
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of an existing file, or raise an AggloError with the reason."""
+        """Read the mesh from an existing file, or raise an AggloError with the reason."""
 
 
 @runtime_checkable
 class WritableFormat(Protocol):
-    """Optional: a format that also writes.
+    """Optional protocol: a format that also writes files.
 
     All files that ``write`` leaves beside ``path`` are moved to the user's location together with it. With
     ``tells_progress = True`` it takes the keyword ``tell``, and calls ``tell(fraction, text)`` as it
@@ -74,7 +74,7 @@ class WritableFormat(Protocol):
 
 @runtime_checkable
 class HierarchyFormat(Protocol):
-    """Optional: a format that stores complete hierarchies, with targets and statistics.
+    """Optional protocol: a format that stores complete hierarchies, with targets and statistics.
 
     Examples
     --------
@@ -88,4 +88,4 @@ class HierarchyFormat(Protocol):
     """
 
     def read_hierarchy(self, path: Path) -> tuple[Mesh, Hierarchy | None]:
-        """Return the mesh of an existing file and its stored hierarchy, if any."""
+        """Read the mesh and the stored hierarchy, if any, from an existing file."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Target:
-    """Target of a split or refinement: a number of parts, or a mesh size.
+    """Target of a split or refinement: a number of parts, a maximum diameter, or both.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ Sides = NDArray[Any]
 
 @runtime_checkable
 class Bisector(Protocol):
-    """The simple form: split one connected graph in two.
+    """Simple protocol of a bisector: split one connected graph in two.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class Bisector(Protocol):
 
 @runtime_checkable
 class LevelBisector(Protocol):
-    """The fast form: split every block of a level in one call.
+    """Fast protocol of a bisector: split every block of a block-diagonal graph in one call.
 
     Examples
     --------
@@ -84,13 +84,13 @@ class LevelBisector(Protocol):
     def bisect_level(self, level: Graph, seeds: UInt64) -> Sides:
         """Return the side of each node, shape ``(n,)``.
 
-        ``seeds`` is ``(B,)``.
+        ``seeds`` is ``(B,)``, one per block.
         """
 
 
 @runtime_checkable
 class UnevenBisector(Protocol):
-    """Optional: a bisector that cuts at a given share of the mass.
+    """Optional protocol: a bisector that splits off a given share of the mass.
 
     A piece of three parts is best split 1 : 2. ``bisect_shares`` is called for such pieces, ``bisect_level``
     or
@@ -124,7 +124,7 @@ class UnevenBisector(Protocol):
 
 @runtime_checkable
 class TargetAware(Protocol):
-    """Optional: a bisector that depends on the target of the pieces.
+    """Optional protocol: a bisector whose splits depend on the target of the run.
 
     Examples
     --------
@@ -149,7 +149,7 @@ class TargetAware(Protocol):
 
 @runtime_checkable
 class Partitioner(Protocol):
-    """Optional: direct k-way partition of a connected graph.
+    """Optional protocol: direct k-way partition of a connected graph.
 
     The partition is refined unless ``final_parts = True``.
 
@@ -167,7 +167,7 @@ class Partitioner(Protocol):
     """
 
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
-        """Return labels ``(n,)`` in ``0..target.parts-1``, for a size ``0..n-1``.
+        """Return labels ``(n,)``: ``0..target.parts-1`` for a target count, ``0..n-1`` for a target size.
 
         Faults are repaired.
         """
@@ -175,7 +175,7 @@ class Partitioner(Protocol):
 
 @runtime_checkable
 class Refiner(Protocol):
-    """Improves labels without emptying a part or increasing any part's number of components.
+    """Component that improves labels, without emptying a part or splitting a part into more components.
 
     ``objective`` names the value that never gets worse: one of
     :data:`agglo_core.graph.objectives.OBJECTIVES`, such as ``"interface"`` (total length) or
@@ -196,12 +196,12 @@ class Refiner(Protocol):
     objective: str
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
-        """Return new labels ``(n,)`` whose declared objective is no worse."""
+        """Return new labels ``(n,)``, with a declared objective that is no worse."""
 
 
 @runtime_checkable
 class ConnectivityFixer(Protocol):
-    """Makes every part connected and keeps the label set of each block.
+    """Component that makes every part connected, and keeps the set of labels of each block.
 
     Examples
     --------

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class ProblemKind(Protocol):
-    """A problem record: a frozen class whose ``kind`` is its declared name.
+    """Class of immutable problem data, whose attribute ``kind`` is its declared name.
 
     Examples
     --------
@@ -43,19 +43,19 @@ class ProblemKind(Protocol):
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], mesh: Mesh, folder: Path) -> Self:
-        """Return the problem of a TOML table, with relative file names starting from ``folder``.
+        """Build the problem from a TOML table, with file names relative to ``folder``.
 
         An AggloError names the wrong key.
         """
 
     @classmethod
     def example(cls, mesh: Mesh) -> Self:
-        """Return a small problem with exactly one solution on any mesh, for laws and solver tests."""
+        """Return a small problem on the given mesh, with exactly one solution, for tests of solvers."""
 
 
 @runtime_checkable
 class Smoother(Protocol):
-    """Smooths the error on one level of a multigrid method.
+    """Component that smooths the error on one multigrid level.
 
     A smoother that needs no coarse correction sets ``uses_coarse = False``, which saves the factorisation.
 
@@ -78,7 +78,7 @@ class Smoother(Protocol):
 
 @runtime_checkable
 class Solver(Protocol):
-    """Solves a problem with a hierarchy of coarse meshes.
+    """Component that solves a problem with a hierarchy of coarse meshes.
 
     ``accepts``, if present, lists the supported problem kinds. ``discretisation``, if present, defines the
     meaning of the unknowns (:class:`~agglo_core.problems.Discretisation`). With the promise ``symmetric`` the

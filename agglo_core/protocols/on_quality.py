@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class QualityMetric(Protocol):
-    """One number per agglomerate.
+    """Component that assigns one number to each agglomerate.
 
     ``homogeneity`` is the power p of a length with which values scale in 2-D: 0 for ratios, 1 for lengths. In
     3-D ratios are also ratios; for p ≠ 0, lengths may become areas: an integer power from p to 2 p.
@@ -49,7 +49,7 @@ class QualityMetric(Protocol):
 
 @runtime_checkable
 class IncrementalMetric(Protocol):
-    """Optional: a metric that computes the effect of single moves, so that refiners can optimise it.
+    """Optional protocol: a metric that computes the effect of single moves, for refiners that optimise it.
 
     Its objective is the sum of the values over all parts, in the direction of ``better``.
 
@@ -69,15 +69,16 @@ class IncrementalMetric(Protocol):
     """
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Return the change of the sum of values ``(q,)`` if cell i alone moves to part i.
+        """Return the change of the sum of all values, for each move of one cell to another part ``(q,)``.
 
-        ``labels (n,)`` number the parts of all blocks, 0..k-1; ``cells`` and ``parts`` are ``(q,)``.
+        Move i takes ``cells[i]`` to ``parts[i]``, and leaves all other cells in place. ``labels (n,)`` number
+        the parts of all blocks, 0..k-1; ``cells`` and ``parts`` are ``(q,)``.
         """
 
 
 @runtime_checkable
 class Section(Protocol):
-    """A report section, omitted if its fragment is empty.
+    """Section of the HTML report, omitted if its fragment is empty.
 
     Examples
     --------
