@@ -1,4 +1,4 @@
-"""Quality measurement: values per agglomerate, a summary line per level, and run comparisons."""
+"""Quality of partitions: values per agglomerate, a summary per level, and comparison of runs."""
 
 from agglo_core.measure.agglomerates import Level, measure_levels, quality, summary
 from agglo_core.measure.comparison import RunResult, timed_run, wanted

@@ -1,4 +1,4 @@
-"""Measure partitions: values per agglomerate, and one summary line per level."""
+"""Measure the quality of partitions: values per agglomerate, and a summary per level."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Level:
 
     @cached_property
     def line(self) -> dict[str, Any]:
-        """Summary of the level as plain data.
+        """Summary of the level as a dict of plain values.
 
         Keys: ``target``, ``parts``, ``max_diameter``, the mean of each metric by name (by default ``UF``,
         ``CR``, ``CRc``, ``J``, ``isoperimetric``), the share of ``connected`` parts, ``diameter_ratio``, the
@@ -86,7 +86,7 @@ class Level:
 
     @cached_property
     def undefined(self) -> Mapping[str, int]:
-        """Number of agglomerates with an undefined value (NaN) by metric, without zeros."""
+        """Number of agglomerates with an undefined value (NaN), for each metric that has any."""
         counts = {name: int(np.isnan(values).sum()) for name, values in self.values.items()}
         return {name: count for name, count in counts.items() if count}
 
@@ -105,7 +105,7 @@ def quality(
     verbose: bool = False,
     threads: int | None = None,
 ) -> Quality:
-    """Measure the quality of every agglomerate.
+    """Compute quality metrics of every agglomerate.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def summary(
     registry: Registry | None = None,
     metrics: Iterable[Metric] | None = None,
 ) -> list[dict[str, Any]]:
-    """Return one plain dict per level, finest first: :attr:`Level.line`.
+    """Return a summary of each level as a dict, finest first: :attr:`Level.line`.
 
     The arguments follow :func:`measure_levels`.
 
@@ -237,7 +237,7 @@ def summary(
 def _evaluate_metrics(
     mesh: Mesh, coarse: Mesh, labels: Int, metrics: Mapping[str, Member], tell: Tell
 ) -> dict[str, Float]:
-    """Return metric values by name.
+    """Evaluate metrics, and return their values ``(k,)`` on the agglomerates by name.
 
     Metrics that depend only on the shape share the coarse mesh and its caches.
     """

@@ -1,4 +1,4 @@
-"""Compare runs on a mesh: values per agglomerate, and run times."""
+"""Compare agglomeration runs on a mesh: values per agglomerate, and run times."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def timed_run(
     registry: Registry | None = None,
     progress: Listener | None = None,
 ) -> RunResult:
-    """Agglomerate with a timer, then measure the levels.
+    """Run and time an agglomeration, then measure the quality of its levels.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def timed_run(
 
 
 def wanted(target: Mapping[str, Any]) -> str:
-    """Return a target in the user's notation: ``h ≤ 4 h0``, ``16 parts``, or – if unknown.
+    """Format a target as the user requested it: ``h ≤ 4 h0``, ``16 parts``, or – if unknown.
 
     Examples
     --------

@@ -9,7 +9,7 @@ from agglo_core.mesh.elsewhere import import_function
 
 
 class Quality(dict[str, Float]):
-    """Values ``(k,)`` of each metric by name.
+    """Dictionary with the values ``(k,)`` of each metric on the k agglomerates, displayed as a table.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Select metrics and objectives: turn names and options into objects."""
+"""Select quality metrics and objectives: turn names and options into objects."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _RESERVED = ("connected", "diameter", "max_diameter", "measure", "objectives", "
 
 @dataclass(frozen=True)
 class Selection:
-    """Metrics by display name, and objectives."""
+    """Selected metrics by display name, and selected objectives."""
 
     metrics: Mapping[str, Member]
     objectives: tuple[Objective, ...] = ()
 
 
 def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Selection:
-    """Return the selected metrics, and objectives for names that are not metrics.
+    """Build the metrics with the given names, and select objectives for names that are not metrics.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Select
 
 
 def build_metrics(chosen: Iterable[Metric], registry: Registry | None = None) -> dict[str, Member]:
-    """Return metric objects by name, with their titles for error messages."""
+    """Build metrics from names or objects, and return them by name, with titles for error messages."""
     source = default() if registry is None else registry
     built: dict[str, Member] = {}
     for metric in _check_list(chosen):

@@ -1,4 +1,4 @@
-"""Trade-offs between runs: roundness, evenness and run time."""
+"""Trade-offs between agglomeration runs: roundness, evenness and run time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LEAST_SECONDS: Final = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """A number for each run.
+    """Quantity for comparing runs: one number per run, and the better direction.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class TradeOffs:
-    """Finest level of each completed run.
+    """Roundness and evenness of the finest level, and run time, for each completed run.
 
     Attributes
     ----------
@@ -70,14 +70,14 @@ class TradeOffs:
 
     @property
     def labels(self) -> list[str]:
-        """Names, with the part count if it differs between runs."""
+        """Names of the runs, with the part count if it differs between runs."""
         if len(set(self.parts)) < 2:
             return list(self.names)
         return [f"{name}, K = {parts}" for name, parts in zip(self.names, self.parts, strict=True)]
 
     @property
     def front(self) -> Int:
-        """Runs on the Pareto front of roundness and evenness, from the roundest to the most even."""
+        """Indices of the runs on the Pareto front of roundness and evenness, the roundest first."""
         shapes = np.stack([self.evenness.scores, self.roundness.scores], axis=1)
         kept = np.flatnonzero(not_dominated(shapes))
         order: Int = kept[np.lexsort((-shapes[kept, 1], shapes[kept, 0]))]
@@ -103,7 +103,7 @@ def not_dominated(scores: Float) -> Mask:
 
 
 def trade_offs(runs: Sequence[RunResult]) -> TradeOffs:
-    """Compare runs on one mesh by their finest levels.
+    """Compare runs on one mesh by roundness and evenness of their finest levels, and by run time.
 
     Roundness is the mean CR, or the mean J if CR is missing, or else the mean of the first selected metric,
     with the preferred direction of the metric. Evenness is the mean diameter over h* if all runs have a size,
