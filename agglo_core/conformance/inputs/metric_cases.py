@@ -167,7 +167,7 @@ def cut_finer_in_space() -> tuple[Case, Case]:
 
 
 def _polygon(radii: Float) -> Mesh:
-    """Return a single star-shaped polygon with the given corner radii."""
+    """Return a mesh of a single star-shaped polygon with the given corner radii."""
     angle = 2 * np.pi * np.arange(len(radii)) / len(radii)
     points = radii[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
     return Mesh.from_polygons(points, [np.arange(len(radii))], name=f"a cell of {len(radii)} sides")
@@ -201,7 +201,7 @@ def _globe(rows: int, around: int) -> Mesh:
 
 
 def _thin_boxes() -> Mesh:
-    """Return four boxes in a row, stretched by 1000 along x and by 0.001 along z."""
+    """Return a mesh of four boxes in a row, stretched by 1000 along x and by 0.001 along z."""
     mesh = small_meshes.boxes(4, 1, 1)
     return replace(mesh, points=mesh.points * np.array([1e3, 1.0, 1e-3]), name="thin boxes")
 

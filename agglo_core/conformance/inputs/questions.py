@@ -180,7 +180,7 @@ def _raises_ours(subject: Subject, case: Case) -> bool:
 
 
 def plain(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:
-    """Call a component, and return its sides, labels, values, solution, or else a hash as an array."""
+    """Call a component, and return its result as an array: sides, labels, values or solution, else a hash."""
     result = answer(subject, tool, case)
     if subject.kind not in _IN_ARRAYS:
         return digest(result)
@@ -209,7 +209,7 @@ def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
 
 
 def same_labelling(before: NDArray[Any], after: NDArray[Any], swap: bool) -> bool:
-    """Return True if two labellings are equal.
+    """Return True if two label arrays are equal.
 
     With ``swap`` the two sides may be exchanged.
     """

@@ -52,7 +52,7 @@ def hexagons(nx: int, ny: int) -> Mesh:
 
 
 def ring(n: int) -> Mesh:
-    """Return an annulus of ``n`` cells, which form a closed chain."""
+    """Return a mesh of an annulus: ``n`` cells that form a closed chain."""
     angle = 2 * np.pi * np.arange(n) / n
     circle = np.stack((np.cos(angle), np.sin(angle)), axis=1)
     i, j = np.arange(n), np.roll(np.arange(n), -1)

@@ -159,7 +159,7 @@ def definite() -> list[Case]:
 
 
 def ill_conditioned(hierarchy: Hierarchy) -> Linear:
-    """Return a linear system with condition number 1e11 and a solution of this magnitude.
+    """Return a linear system with condition number 1e11 and a solution of similar magnitude.
 
     Rounding then limits the accuracy of b − A x.
     """

@@ -24,7 +24,7 @@ _BOTHER = 0.25  # seconds: slower cases are not repeated
 
 @dataclass(frozen=True)
 class Slow:
-    """Test case that took too long: cells, seconds, and the largest number of cells that is acceptable."""
+    """Test case that took too long: cells, seconds, and the largest number of cells still acceptable."""
 
     cells: int
     seconds: float

@@ -157,7 +157,7 @@ def _both_sides(subject: Subject, tool: Any, case: Case, target: Target) -> NDAr
 
 @law("bisector", when=_bisects)
 def two_sides(subject: Subject) -> None:
-    """Both sides of a piece with at least two cells are nonempty (with a declared fallback: mostly)."""
+    """Both sides of a piece with at least two cells are nonempty (mostly, if a fallback is declared)."""
     bad, pieces = [], 0
     for case in every_graph(subject):
         graph = case.given[0]

@@ -136,9 +136,9 @@ def in_two_threads(subject: Subject) -> None:
 
 
 def _nest_calls(subject: Subject, case_pair: Sequence[Case], file: str | None, stop: int) -> list[Any]:
-    """Run two calls of one object concurrently, and return both results.
+    """Run two calls of one object at the same time, and return both results.
 
-    The second call starts while the first call is at line number ``stop`` of a file.
+    The second call starts when the first call reaches the ``stop``-th executed line of a file.
     """
     tool, inner = subject.build(), list[Any]()
     stepper = _Stepper(file, stop, lambda: inner.append(_copy_answer(subject, tool, case_pair[1])))

@@ -110,7 +110,7 @@ def within_bounds(subject: Subject) -> None:
 
 @law("metric")
 def holes(subject: Subject) -> None:
-    """Agglomerates with holes, pinches or loose pieces get finite values within the bounds."""
+    """Agglomerates with holes, point contacts or loose pieces get finite values within the bounds."""
     for case in [*topology_cases(), ring_case()]:
         _require_finite(
             subject, case, "an agglomerate has no single outer loop; see mesh.coarsen(labels).boundary_loops"
@@ -356,7 +356,7 @@ def renaming(subject: Subject) -> None:
 
 @law("metric", promise="3d")
 def unmoved_in_space(subject: Subject) -> None:
-    """In 3-D too, values lie within the bounds, scale, and do not depend on position or numbering."""
+    """In 3-D too, values keep the bounds, scale as declared, and do not depend on position or numbering."""
     # In 3-D a length may become an area, so the power lies between the declared power and twice that.
     declared = subject.build().homogeneity
     powers = {declared + k for k in np.sign(declared) * np.arange(abs(declared) + 1)}

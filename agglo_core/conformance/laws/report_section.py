@@ -23,7 +23,7 @@ def titled(subject: Subject) -> None:
 
 @law("section")
 def html_text(subject: Subject) -> None:
-    """The html is a string."""
+    """The method ``html`` returns a string."""
     for case in questions(subject):
         html = answer(subject, subject.build(), case)
         require(isinstance(html, str), f"{case.name}: html returned {in_words(html)}, expected a string")
@@ -31,7 +31,7 @@ def html_text(subject: Subject) -> None:
 
 @law("section")
 def no_scripts(subject: Subject) -> None:
-    """The html contains no scripts, external resources or event handlers."""
+    """The HTML contains no scripts, external resources or event handlers."""
     for case in questions(subject):
         match = re.search(
             r"<\s*(script|iframe|object|embed|link)|<[^>]*\s(on\w+\s*=|src\s*=\s*[\"']?https?:)",
@@ -47,7 +47,7 @@ def no_scripts(subject: Subject) -> None:
 
 @law("section")
 def names_escaped(subject: Subject) -> None:
-    """Names and messages are escaped."""
+    """Names and messages are escaped for HTML."""
     for case in questions(subject):
         text = answer(subject, subject.build(), case)
         require(

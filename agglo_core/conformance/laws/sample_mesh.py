@@ -15,7 +15,7 @@ from agglo_core.registry.options import options_of
 
 @law("sample")
 def sample_is_mesh(subject: Subject) -> None:
-    """The call returns a Mesh."""
+    """The sample is a Mesh."""
     mesh = subject.build()
     require(
         isinstance(mesh, Mesh),

@@ -208,7 +208,7 @@ def linear_in_the_data(subject: Subject) -> None:
 
 @law("solver")
 def disconnected_solved(subject: Subject) -> None:
-    """A mesh with two components is solved."""
+    """A problem on a mesh with two connected components is solved."""
     from agglo_core.hierarchy import Hierarchy
 
     mesh = small_meshes.two_grids()
@@ -353,7 +353,7 @@ def zero_from_zero(subject: Subject) -> None:
 
 @law("solver", when=lambda subject: option_named(subject, *_TOLERANCE) is not None)
 def tolerance_met(subject: Subject) -> None:
-    """A tolerance of 1e-4 or 1e-10 is met by every converged solution, and the histories agree."""
+    """A tolerance of 1e-4 or 1e-10 is met by every converged solution, and the residual histories agree."""
     name = str(option_named(subject, *_TOLERANCE))
     for case in [*_basic_cases(subject), *_hard_cases(subject)]:
         runs = {tolerance: _with_option(subject, case, name, tolerance) for tolerance in (1e-4, 1e-10)}
@@ -462,7 +462,7 @@ _ROUNDING = 1e-10  # relative to the solution; the direct solution is no more ac
 
 @law("solver")
 def told_error_holds(subject: Subject) -> None:
-    """Reported energy errors, stopping tests and rounding limits are true for the returned x."""
+    """Reported energy errors and rounding limits are true for the returned x, and tests have known names."""
     for case in cases_with_3d(subject):
         it = solve(subject, case)
         require(
