@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class Format(Protocol):
-    """A component that reads meshes from files of one format.
+    """Component that reads meshes from files of one format.
 
     Its suffixes are declared (:class:`~agglo_core.registry.Component`), or are the attribute ``suffixes``.
     ``lossless`` is True if written data are read back to the last bit, hierarchy included. A format rejects a

@@ -69,7 +69,7 @@ class IncrementalMetric(Protocol):
     """
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Return the change of the sum of all values, for each move of one cell to another part ``(q,)``.
+        """Return the change of the sum of all values ``(q,)`` by each move of one cell to another part.
 
         Move i takes ``cells[i]`` to ``parts[i]``, and leaves all other cells in place. ``labels (n,)`` number
         the parts of all blocks, 0..k-1; ``cells`` and ``parts`` are ``(q,)``.
