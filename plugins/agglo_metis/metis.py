@@ -1,4 +1,4 @@
-"""METIS by pymetis: blocks are bisected one by one, a k-way partition is one call.
+"""METIS through pymetis: one call for each bisected block, one call for a k-way partition.
 
 Source: Karypis and Kumar, "A fast and high quality multilevel scheme for partitioning irregular graphs"
 (SIAM J. Sci. Comput. 20, 1998).
@@ -20,7 +20,7 @@ _SEED_MASK = np.uint64(0x7FFFFFFF)  # seed range of METIS on every platform
 
 
 class Metis:
-    """Bisect and partition by the METIS library.
+    """Bisect and partition graphs by the METIS library.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class Metis:
         return self.search is not None
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Bisect each block, and return sides ``(n,)``.
+        """Bisect each block, and return the side, 0 or 1, of each node ``(n,)``.
 
         Both sides occur in every block with at least two nodes.
         """
@@ -131,7 +131,7 @@ class Metis:
         return self._direct(graph, target, seed)
 
     def _direct(self, graph: Graph, target: Target, seed: int) -> Int:
-        """Return METIS' labels ``(n,)``."""
+        """Return the part labels ``(n,)`` from METIS, without a subsequent search."""
         if target.parts is None or target.parts < 1:
             raise OptionError(f"metis: partition needs a positive number of parts, not {target.parts!r}")
         parts = min(target.parts, graph.n)
@@ -145,7 +145,7 @@ class Metis:
         return _part(parts, graph.indptr, graph.indices.astype(np.int64), nodes, edges, options, recursive)
 
     def _options(self, recursive: bool) -> pymetis.Options:
-        """Return METIS options except the seed.
+        """Return the options of a METIS call, except the seed.
 
         Creating them takes as long as bisecting a few dozen nodes.
         """
@@ -159,7 +159,7 @@ class Metis:
         return options
 
     def _weights(self, level: Graph) -> tuple[Int | None, Int | None]:
-        """Return integer weights of nodes ``(n,)`` and edges ``(m,)``, or None if not used."""
+        """Return integer weights of nodes ``(n,)`` and edges ``(m,)``, None for weights switched off."""
         own = level.weights if level.loads is None else level.mass
         nodes = _integers(own, level.offsets) if self.vertex_weights else None
         edges = _integers(level.interface, level.indptr[level.offsets]) if self.edge_weights else None
@@ -176,7 +176,10 @@ def _part(
     recursive: bool,
     shares: list[float] | None = None,
 ) -> Int:
-    """Call METIS once, and return part labels ``(n,)``, with equal ``shares`` by default."""
+    """Partition a graph by one METIS call, and return part labels ``(n,)``.
+
+    The parts get the fractions ``shares`` of the weight, by default equal ones.
+    """
     import pymetis
 
     graph = pymetis.CSRAdjacency(starts, adjacent)
@@ -196,7 +199,10 @@ def _take_span(values: Int | None, span: slice) -> Int | None:
 
 
 def _integers(values: Float, offsets: Int) -> Int:
-    """Convert values to thousandths of their block mean, at least 1, or equal if all are zero."""
+    """Round values to integers: thousandths of the mean of their block, at least 1.
+
+    In a block of zeros all integers are equal.
+    """
     sizes = np.diff(offsets)
     totals = np.bincount(np.repeat(np.arange(len(sizes)), sizes), values, len(sizes))
     some = totals > 0
@@ -209,10 +215,10 @@ def _integers(values: Float, offsets: Int) -> Int:
 
 
 def _that_fit(nodes: Int, parts: int) -> Int | None:
-    """Limit weights to the size of a part, or return None if parts have fewer than two nodes.
+    """Limit node weights to the mean weight of a part.
 
-    A node with a limited weight forms a part alone. METIS prints complaints if weights leave a half without
-    nodes.
+    The result is None if parts have fewer than two nodes on average. A node with a limited weight forms a
+    part alone. METIS prints complaints if weights leave a half without nodes.
     """
     if 2 * parts > len(nodes):
         return None
@@ -223,7 +229,7 @@ def _that_fit(nodes: Int, parts: int) -> Int | None:
 
 
 def _with_two_sides(level: Graph, sides: Int) -> Int:
-    """Separate the heaviest node in blocks where METIS left a side empty.
+    """Split off the heaviest node in blocks where METIS left one side empty.
 
     This happens if one node outweighs the rest.
     """
