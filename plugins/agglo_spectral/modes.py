@@ -1,4 +1,4 @@
-"""Lowest graph Laplacian eigenpairs per block: dense in batches, iterative for large blocks.
+"""Lowest eigenpairs of the graph Laplacian of each block: dense in batches, iterative if it is large.
 
 L x = λ M x with L = D − W, W the edge weights and M the diagonal of masses (fractions of the block, so that
 the modes are orthonormal in any units), solved as S z = λ z with S = M^{-1/2} L M^{-1/2}.
@@ -29,7 +29,7 @@ _WEAKEST = 1e-6  # relative to the mean edge weight in a block: lower bound for 
 
 
 def laplacian_modes(level: Graph, count: int, weighted: bool, dense_limit: int) -> tuple[Float, Float]:
-    """Return the ``count`` lowest eigenpairs above the constant, for each block.
+    """Return the ``count`` lowest nonconstant eigenpairs of the graph Laplacian of each block.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def laplacian_modes(level: Graph, count: int, weighted: bool, dense_limit: int) 
 
 
 def _batches(sizes: Int, dense_limit: int) -> Iterator[Int]:
-    """Yield stacks of blocks with similar sizes, and each block above ``dense_limit`` alone."""
+    """Yield batches of blocks with similar sizes, and each block above ``dense_limit`` nodes alone."""
     yield from np.flatnonzero(sizes > dense_limit)[:, None]
     padded = np.where(sizes <= dense_limit, _padded_sizes(sizes), 0)
     for size in np.unique(padded[padded > 0]):
@@ -69,7 +69,7 @@ def _batches(sizes: Int, dense_limit: int) -> Iterator[Int]:
 
 
 def _padded_sizes(sizes: Int) -> Int:
-    """Return the dense matrix size for each block: 2, 3, 4, 6, 8, 12, 16, ….
+    """Round the sizes of blocks up to sizes of dense matrices: 2, 3, 4, 6, 8, 12, 16, ….
 
     Other blocks have no influence.
     """
@@ -79,7 +79,7 @@ def _padded_sizes(sizes: Int) -> Int:
 
 
 def _edge_weights(level: Graph, weighted: bool) -> Float:
-    """Return interface over centroid distance, both bounded below, ``(m,)``.
+    """Return the edge weights ``(m,)``: interface over centroid distance, both bounded below.
 
     Without the bound, a block with zero interfaces along a cut would have several constant modes.
     """
@@ -100,7 +100,7 @@ def _edge_weights(level: Graph, weighted: bool) -> Float:
 
 
 def _dense(level: Graph, roots: Float, weights: Float, count: int) -> tuple[Float, Float]:
-    """Return the eigenpairs for a stack of equally padded matrices.
+    """Compute the eigenpairs of blocks from one stack of dense matrices, padded to equal size.
 
     Padding entries lie above the spectrum.
     """
@@ -129,7 +129,7 @@ def _dense(level: Graph, roots: Float, weights: Float, count: int) -> tuple[Floa
 
 
 def _iterative(graph: Graph, roots: Float, weights: Float, count: int) -> tuple[Float, Float]:
-    """Return one block's eigenpairs by inverse subspace iteration.
+    """Compute the eigenpairs of one block by inverse subspace iteration.
 
     It starts from linear and quadratic monomials in the principal coordinates, which rotate with the
     mesh and are close to the lowest modes; nothing is random.
@@ -161,7 +161,7 @@ def _iterative(graph: Graph, roots: Float, weights: Float, count: int) -> tuple[
 
 
 def _factors(matrix: sparse.csc_array[Any, Any], shift: float) -> SuperLU:
-    """Factorise ``matrix + shift``, which is positive definite."""
+    """Factorise ``matrix`` + ``shift`` · I, which is positive definite."""
     return splu(
         matrix + shift * sparse.eye_array(matrix.shape[0], format="csc"),
         permc_spec="MMD_AT_PLUS_A",
@@ -171,7 +171,7 @@ def _factors(matrix: sparse.csc_array[Any, Any], shift: float) -> SuperLU:
 
 
 def _orthonormal(space: Float, roots: Float) -> Float:
-    """Return an orthonormal basis for the columns without their constant part (scaled ``roots``)."""
+    """Return an orthonormal basis of the span of the columns, orthogonal to the scaled constant ``roots``."""
     constant = roots / np.linalg.norm(roots)
     space = space - constant[:, None] * (constant @ space)
     basis: Float = np.linalg.qr(space / np.linalg.norm(space, axis=0).clip(min=np.finfo(float).tiny))[0]
@@ -179,6 +179,6 @@ def _orthonormal(space: Float, roots: Float) -> Float:
 
 
 def _monomials(coordinates: Float) -> Float:
-    """Return linear and quadratic monomials in the columns of ``coordinates``."""
+    """Return all linear and quadratic monomials in the columns of ``coordinates``."""
     i, j = np.triu_indices(coordinates.shape[1])
     return np.concatenate((coordinates, coordinates[:, i] * coordinates[:, j]), axis=1)

@@ -1,4 +1,4 @@
-"""Spectral bisection: cut the lowest mode of a piece at the best place.
+"""Spectral bisection: cut each block along its Fiedler vector, at the lowest normalised cut.
 
 Sources: Fiedler, "A property of eigenvectors of nonnegative symmetric matrices" (1975); Shi and Malik,
 "Normalized cuts and image segmentation" (2000) for the sweep over the sorted mode.
@@ -78,14 +78,14 @@ class Spectral:
         self.degeneracy, self.dense_limit = degeneracy, dense_limit
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Return the sides ``(n,)``, both in every block with at least two nodes.
+        """Bisect each block, and return the side, 0 or 1, of each node ``(n,)``.
 
-        ``seeds`` are ignored.
+        Both sides occur in every block with at least two nodes. ``seeds`` are ignored.
         """
         return self.bisect_shares(level, seeds, None)
 
     def bisect_shares(self, level: Graph, seeds: UInt64, shares: Float | None) -> Int:
-        """Return the sides ``(n,)`` with mass ``shares (B,)`` on side 0, by a mode quantile."""
+        """Bisect each block along its Fiedler vector, with mass ``shares (B,)`` on side 0."""
         # 1. Cut along the lowest mode
         values, modes = laplacian_modes(level, level.dim, self.weighted, self.dense_limit)
         coordinates = principal_frames(level)[1]
@@ -102,7 +102,7 @@ class Spectral:
         return sides
 
     def _best(self, level: Graph, basis: Float, coordinates: Float, sides: Int, shares: Float | None) -> Int:
-        """Return the sides for the best direction in the span of ``basis``, by normalised cut.
+        """Return the sides by the mode in the span of ``basis`` with the lowest normalised cut.
 
         The given ``sides`` remain if no cut leaves weight on both.
         """
@@ -115,7 +115,7 @@ class Spectral:
         return sides
 
     def _cut(self, level: Graph, mode: Float, coordinates: Float, shares: Float | None) -> tuple[Int, Float]:
-        """Return the sides ``(n,)`` along one mode and their normalised cut ``(B,)``."""
+        """Cut each block along one mode: sides ``(n,)`` and normalised cuts ``(B,)``."""
         # 1. Orient the mode by its third moment
         thirds = block_sums(level, (block_shares(level.weights, level.block_ids) * mode**3)[:, None])[:, 0]
         mode = np.where(thirds < 0, -1.0, 1.0)[level.block_ids] * mode
@@ -130,7 +130,7 @@ class Spectral:
 
 
 def _sweep(level: Graph, mode: Float, balance: float) -> tuple[Int, Flags]:
-    """Return the sides ``(n,)`` by the lowest normalised cut between mode values, and a success mask."""
+    """Cut each block between two mode values at the lowest normalised cut: sides ``(n,)``, success mask."""
     # 1. Sort the nodes of each block by mode
     blocks, starts, ends = level.block_ids, level.offsets[:-1], level.offsets[1:] - 1
     ranks = block_ranks(level, mode, block_extents(level, mode[:, None])[:, 0])
@@ -153,14 +153,14 @@ def _sweep(level: Graph, mode: Float, balance: float) -> tuple[Int, Flags]:
 
 
 def _running_sums(level: Graph, values: Int) -> Int:
-    """Return the exact running sum from the start of each block."""
+    """Return exact cumulative sums that restart in each block."""
     sums = np.cumsum(values)
     before = np.concatenate(([0], sums[level.offsets[1:-1] - 1]))
     return np.asarray(sums - before[level.block_ids])
 
 
 def _changes(level: Graph, places: Int) -> Int:
-    """Return the interface change when each place joins the lower side."""
+    """Return the change of the interface when each node, in sorted order, joins the lower side."""
     owners = np.repeat(np.arange(level.n), np.diff(level.indptr))
     lengths = integer_shares(level.interface, level.block_ids[owners])
     signs = np.where(places[owners] < places[level.indices], 1, -1)
@@ -169,7 +169,7 @@ def _changes(level: Graph, places: Int) -> Int:
 
 
 def _normalised_cut(level: Graph, sides: Int) -> Float:
-    """Return the interface times the total weight over the product of the side weights, ``(B,)``."""
+    """Return the normalised cut ``(B,)``: interface times total weight over product of side weights."""
     owners = np.repeat(np.arange(level.n), np.diff(level.indptr))
     crossing = np.where(sides[owners] != sides[level.indices], level.interface, 0.0)
     cut = np.bincount(level.block_ids[owners], crossing, minlength=level.n_blocks) / 2
@@ -180,7 +180,7 @@ def _normalised_cut(level: Graph, sides: Int) -> Float:
 
 
 def _align_basis(level: Graph, modes: Float, near: Flags, coordinates: Float) -> Float:
-    """Return an orthonormal near-mode basis ``(n, d)``, closest to the linear functions.
+    """Rotate the lowest modes to the orthonormal basis ``(n, d)`` closest to the linear functions.
 
     It is the orthogonal factor of the coordinate projections on the modes (Procrustes), independent of the
     numbering and of the eigenvalue solver's basis.
@@ -195,7 +195,7 @@ def _align_basis(level: Graph, modes: Float, near: Flags, coordinates: Float) ->
 
 
 def _directions(dim: int) -> Float:
-    """Return the trial directions, axes first: 8 in 2-D, in 3-D the cube's axes and diagonals (13)."""
+    """Return trial directions, axes first: 8 in 2-D, in 3-D the 13 axes and diagonals of the cube."""
     if dim == 2:
         angles = np.pi * np.array([0, 4, 2, 6, 1, 3, 5, 7]) / 8
         return np.stack((np.cos(angles), np.sin(angles)), axis=1)
