@@ -1,4 +1,4 @@
-"""Bisectors by k-means: batched deterministic, and the paper's through scikit-learn."""
+"""Bisectors by k-means: a deterministic one in batches, and the paper's by scikit-learn."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from agglo_core.authoring import Component, hookimpl
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Return both bisectors."""
+    """Return the components ``kmeans`` and ``kmeans_sklearn``."""
     return [
         Component(
             kind="bisector",

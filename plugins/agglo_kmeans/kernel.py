@@ -1,4 +1,4 @@
-"""Kernels for 2-means: ``two_means`` for graph blocks, ``split_by_means`` for the whole recursion.
+"""Compiled 2-means bisection: ``two_means`` of graph blocks, ``split_by_means`` for all recursive splits.
 
 Both cut a piece by the helpers ``_load`` and ``_cut``, passed as ``load`` and ``cut`` to
 ``split_pieces_by`` (``agglo_core/split/piece_driver.py``, here ``piece_driver``).
@@ -57,16 +57,19 @@ def _tag_sides(graph, pieces, lo, hi, placing, extent, plane, candidates, sides)
 
 @helper
 def _load(graph, pieces, lo, hi, means):
-    """Load the piece ``cells[lo:hi]`` and return its extent: the ``load`` of ``split_pieces_by``."""
+    """Copy the points of the piece ``cells[lo:hi]`` to the workspace, and return their extent.
+
+    This is the ``load`` of ``split_pieces_by``.
+    """
     return load_points(pieces.cells, lo, hi, graph.centroids, graph.weights, graph.units, means)
 
 
 @helper
 def _cut(graph, pieces, lo, hi, extent, means, candidates, sides):
-    """Tag the sides of the loaded piece, and write its cut: the ``cut`` of ``split_pieces_by``.
+    """Bisect the piece in the workspace by 2-means: tag the side of each cell.
 
-    Writes normal, measures and counts of ``sides``, and the ``candidates``; returns the number of
-    candidates.
+    This is the ``cut`` of ``split_pieces_by``. Writes normal, measures and counts of ``sides``, and the
+    ``candidates``; returns the number of candidates.
     """
     plane = separator(means, graph.centroids.shape[1] == 2)
     _, sides.normal[0], sides.normal[1], sides.normal[2], _ = plane
@@ -75,7 +78,7 @@ def _cut(graph, pieces, lo, hi, extent, means, candidates, sides):
 
 @kernel
 def two_means(offsets, centroids, weights):
-    """Return the side of each node, by the best 2-means split of its block over the starting axes."""
+    """Return the side of each node by 2-means on its block, the best over several starting axes."""
     n, largest = len(weights), np.int64(0)
     for b in range(len(offsets) - 1):
         largest = max(largest, offsets[b + 1] - offsets[b])
@@ -100,6 +103,9 @@ def two_means(offsets, centroids, weights):
 
 @kernel
 def split_by_means(graph, shape, pieces, lists, limits, budget):
-    """Split pieces by 2-means: see ``piece_driver.split_pieces_by``."""
+    """Split pieces of the mesh recursively by 2-means, in one compiled call.
+
+    See ``piece_driver.split_pieces_by``.
+    """
     means = new_means(piece_driver.largest_piece(lists))
     piece_driver.split_pieces(_load, _cut, means, graph, shape, pieces, lists, limits, budget)

@@ -1,4 +1,4 @@
-"""Batched deterministic 2-means, and k-means for direct k-way partitions."""
+"""Bisector ``kmeans``: deterministic 2-means in batches of blocks, and k-means for k-way partitions."""
 
 from __future__ import annotations
 
@@ -81,14 +81,17 @@ class KMeans:
         return self.search is not None
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Return the side of each node ``(n,)``, whatever the ``seeds``."""
+        """Bisect each block, and return the side, 0 or 1, of each node ``(n,)``.
+
+        The ``seeds`` are ignored.
+        """
         from agglo_kmeans.kernel import two_means
 
         sides: Int = two_means(level.offsets, level.centroids, level.weights)
         return sides
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """Run all splits in one call, or return None.
+        """Return all recursive splits as one compiled call, or None unless refiners and fixer are built in.
 
         Only the built-in refiner, or none, and the built-in fixer allow this.
         """
@@ -108,7 +111,7 @@ class KMeans:
         return self.search.parts(graph, target, seed, self._lloyd, self._bisected)
 
     def _bisected(self, graph: Graph, target: Target) -> Int:
-        """Return labels from the bisections of a connected graph."""
+        """Partition a connected graph by recursive bisection, and return the labels."""
         growth = self.grow(graph, frozen_int(np.zeros(graph.n)), [InterfaceRefiner()], ConnectivityFixer())
         seeds = np.zeros(1, np.uint64)
         if target.h_star is None:
@@ -116,7 +119,7 @@ class KMeans:
         return growth.split_to_size(SizeGoal(target.h_star).limit, seeds, to_nobody)[0]
 
     def _lloyd(self, graph: Graph, k: int) -> Int:
-        """Return labels of about k parts after some Lloyd steps."""
+        """Partition into at most k parts by a few Lloyd steps, and return the labels."""
         weights, mass = _positive(graph.weights), _positive(graph.mass)
         # 1. Start: equal-mass runs of a space-filling curve
         order = curve_order(graph.centroids)
@@ -133,5 +136,5 @@ class KMeans:
 
 
 def _positive(weights: Float) -> Float:
-    """Return the weights, all increased by their mean if some are 0."""
+    """Make weights positive: if some are 0, add the mean to all."""
     return weights if weights.all() else weights + (weights.mean() or 1.0)

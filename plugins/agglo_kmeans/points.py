@@ -1,4 +1,4 @@
-"""Point sets for 2-means: loading, trial axes, and binning."""
+"""Point sets for 2-means: copying to a workspace, trial axes, and binning on a grid."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Fewer leave vector registers unused, more add weightless points to small pieces 
 
 
 class Means(NamedTuple):
-    """Point set for a 2-means split, and workspace.
+    """Workspace of a 2-means split: weighted points, means on a grid, and trial directions.
 
     ``points (4, m)`` are coordinates and weights, ``means (4, bins)`` the grid means, with their ``sums``;
     ``axes (8, 3)`` are trial directions, ``frame`` and ``matrix (3, 3)`` workspace for them; ``chosen`` are
@@ -49,7 +49,7 @@ class Means(NamedTuple):
 
 @helper(allocates=True)
 def new_means(m):
-    """Return the workspace for sets with up to m points."""
+    """Allocate the workspace for sets with up to m points."""
     bins = max(_BINS_2D**2, _BINS_3D**3)
     return Means(
         np.empty((4, m + LANES), np.float32),
@@ -96,7 +96,7 @@ def _gather(cells, lo, n, centroids, weights, units, points):
 
 @helper(reorder_sums=True)
 def _first_moments(x, y, z, w, n):
-    """Return the points' weight and first moments, in double precision."""
+    """Return total weight and first moments of the points, in double precision."""
     total, cx, cy, cz = 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         m = float(w[i])
@@ -109,16 +109,16 @@ def _first_moments(x, y, z, w, n):
 
 @helper
 def round_to_lanes(n):
-    """Round a point count up to a multiple of the lanes."""
+    """Round a number of points up to a multiple of the vector length ``LANES``."""
     return (n + LANES - 1) // LANES * LANES
 
 
 @helper
 def load_points(cells, lo, hi, centroids, weights, units, work):
-    """Write the centroids of ``cells[lo:hi]``, centred and scaled to order 1, and weights with mean 1.
+    """Write the centroids of ``cells[lo:hi]`` to ``work``, centred and scaled to order 1, with weights.
 
-    ``units``: see ``piece_splits.units_of``. A large piece is replaced by a sample, if representative.
-    Returns the largest centroid extent along an axis, in the original unit.
+    The mean weight is 1. ``units``: see ``piece_splits.units_of``. A large piece is replaced by a sample,
+    if representative. Returns the largest centroid extent along an axis, in the original unit.
     """
     points, sampled_cells, placing, one = work.points, work.chosen, work.placing, np.float32(1.0)
     # 1. Sample a large piece, weighted to represent all cells, unless the sample has too few cells.
@@ -164,7 +164,7 @@ def load_points(cells, lo, hi, centroids, weights, units, work):
 
 @kernel(reorder_sums=True)
 def moments(x, y, z, w, n):
-    """Return the points' weight and second moments, in double precision."""
+    """Return total weight and second moments of the points, in double precision."""
     a, xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         u, v, t, m = float(x[i]), float(y[i]), float(z[i]), float(w[i])
@@ -208,9 +208,10 @@ def _half_angle(x, y):
 
 @helper
 def _planar_axes(x, y, w, n, second, frame, axes):
-    """Fill ``axes`` with trial directions in 2-D, and ``frame``, and return their number.
+    """Write one or eight trial directions in 2-D to ``axes``, and return their number.
 
-    ``second (7,)`` are weight and second moments from :func:`moments`.
+    ``frame`` receives the first direction and its normal. ``second (7,)`` are weight and second moments
+    from :func:`moments`.
     """
     xx, xy, yy = second[1], second[2], second[4]
     mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
@@ -239,7 +240,7 @@ def _planar_axes(x, y, w, n, second, frame, axes):
 
 @helper
 def _spatial_axes(second, a, frame, axes):
-    """Fill ``axes`` with three principal and four diagonal directions, and return their number.
+    """Write three principal and four diagonal directions to ``axes``, and return their number.
 
     ``second (7,)`` are weight and second moments, ``a (3, 3)`` is workspace.
     """
@@ -265,7 +266,7 @@ def _spatial_axes(second, a, frame, axes):
 
 @helper(reorder_sums=True)
 def _reach(x, y, z, n, axis):
-    """Return the largest distance from the centre, along an axis."""
+    """Return the largest distance of the points from the centre, along an axis."""
     a, b, c = np.float32(axis[0]), np.float32(axis[1]), np.float32(axis[2])
     low, high = np.float32(0.0), np.float32(0.0)
     for i in range(n):
@@ -277,7 +278,7 @@ def _reach(x, y, z, n, axis):
 
 @helper
 def bin_points(x, y, z, w, n, frame, planar, sums, means):
-    """Write the point means in each grid cell along the frame, and return their number.
+    """Replace points by their means in the cells of a grid along ``frame``, and return the number of means.
 
     ``means (4, bins)`` are coordinates and weights, ``sums (bins, 4)`` is workspace. The unit rows of
     ``frame`` are multiplied by bins per length.
@@ -318,5 +319,8 @@ def bin_points(x, y, z, w, n, frame, planar, sums, means):
 
 @helper
 def axes_to_try(x, y, w, n, second, planar, a, frame, axes):
-    """Fill ``axes`` with trial directions and ``frame`` with an orthogonal frame, and return their number."""
+    """Write trial directions to ``axes``, and return their number.
+
+    ``frame`` receives an orthogonal frame.
+    """
     return _planar_axes(x, y, w, n, second, frame, axes) if planar else _spatial_axes(second, a, frame, axes)

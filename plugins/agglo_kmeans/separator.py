@@ -1,4 +1,4 @@
-"""Split point sets by 2-means: Lloyd's steps from several axes."""
+"""Split point sets by 2-means: Lloyd's iteration, started from several axes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MANY = 16_384
 
 @helper(reorder_sums=True)
 def _side_sums(x, y, z, w, n, planar, nx, ny, nz, t):
-    """Return weight and first moments of the points with normal · point > t, in single precision."""
+    """Return total weight and first moments of the points with normal · point > t, in single precision."""
     # Points on the other side are added with weight 0: without branches the loops vectorise.
     zero = np.float32(0.0)
     a, sx, sy, sz = zero, zero, zero, zero
@@ -41,7 +41,7 @@ def _side_sums(x, y, z, w, n, planar, nx, ny, nz, t):
 
 @helper
 def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
-    """Take at most ``steps`` Lloyd steps from a plane, for centred points.
+    """Take at most ``steps`` Lloyd steps for two means of centred points, from a separating plane.
 
     For centred points both means lie on one line through the centre, so the separator follows from the sums
     on one side. Returns the between-cluster inertia (−1 if a side is empty) and the separator, its normal
@@ -75,7 +75,7 @@ def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
 
 @helper
 def separator(work, planar):
-    """Return the plane ``normal · point > t`` of the loaded points' best 2-means split.
+    """Return the plane normal · point = t that separates the two clusters of the best 2-means split.
 
     Returns its inertia, not positive without a split, the normal (3 numbers) and t.
     """

@@ -35,7 +35,10 @@ class SklearnKMeans:
         self.n_init = n_init
 
     def bisect(self, graph: Graph, rng: np.random.Generator) -> Int:
-        """Return the side of each node ``(n,)``, with both sides if there are two nodes."""
+        """Bisect the graph, and return the side, 0 or 1, of each node ``(n,)``.
+
+        Both sides occur if there are at least two nodes.
+        """
         from sklearn.cluster import KMeans
 
         points = _unit(graph.centroids)
