@@ -1,4 +1,4 @@
-"""Provide PolyDG as a discretisation: matrices, loads, samples and error norms."""
+"""Discretisation PolyDG: matrices, loads, sample values and error norms."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from agglo_polydg_mg.space.sampling import evaluate, samples_of
 
 @dataclass(frozen=True)
 class PolyDG:
-    """Discretise diffusion problems by discontinuous polynomials.
+    """Discretise diffusion problems by a discontinuous Galerkin method on polygons and polyhedra.
 
     Implements :class:`~agglo_core.problems.Discretisation`.
 
@@ -69,7 +69,7 @@ class PolyDG:
         solvers.require_truth("scaled_basis", self.scaled_basis)
 
     def basis(self, mesh: Mesh) -> Basis:
-        """Return the basis on a mesh.
+        """Return the discontinuous polynomial basis on a mesh.
 
         With the sharp penalty, in 2-D, collinear edges between two cells are merged into one side.
         """
@@ -82,7 +82,7 @@ class PolyDG:
         boundary_faces(mesh, _diffusion(problem))
 
     def assemble(self, problem: Problem, mesh: Mesh) -> System:
-        """Return matrix and right-hand side on a mesh.
+        """Assemble matrix and right-hand side of a problem on a mesh.
 
         See :func:`~agglo_polydg_mg.forms.assembly.discretise`.
         """
@@ -91,10 +91,10 @@ class PolyDG:
     def lifted(
         self, problem: Problem, mesh: Mesh, basis: Basis | None = None, units: UnitForms | None = None
     ) -> Lifted:
-        """Return the system on a mesh, and the load that remains without the Dirichlet offset.
+        """Return the system on a mesh, and its load for u − c with a constant c in each cell.
 
-        If an earlier problem on the mesh left its :meth:`basis` and ``units``, both save the purely
-        geometric work.
+        The constants come from the Dirichlet data. If an earlier problem on the mesh left its :meth:`basis`
+        and ``units``, both save the purely geometric work.
         """
         asked, basis = _diffusion(problem), basis or self.basis(mesh)
         found = discretise_lifted(
@@ -144,11 +144,11 @@ class PolyDG:
         return choose(mesh, fine.sigma, cell_means(mesh, _diffusion(problem).kappa), self.degree).kind
 
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
-        """Rediscretise on agglomerates, with their own penalty and cell means of κ."""
+        """Rediscretise on agglomerates, with the penalty and the means of κ computed there."""
         return self.assemble(corrections(problem, mesh, labels), mesh.coarsen(labels)).A
 
     def project(self, mesh: Mesh, function: Field) -> Float:
-        """Return the coefficients ``(n,)`` of the L2 projection."""
+        """Return the coefficients ``(n,)`` of a function's L2 projection."""
         return self.basis(mesh).project(function)
 
     def evaluate(self, mesh: Mesh, x: Float, points: Float) -> Float:
@@ -163,7 +163,7 @@ class PolyDG:
         return samples_of(self.basis(mesh), x)
 
     def errors(self, problem: Problem, mesh: Mesh, x: Float) -> Mapping[str, float]:
-        """Return the errors ``l2`` and ``dg`` if the problem has ``exact``.
+        """Return the discretisation errors ``l2`` and ``dg``, or {} if the exact solution is unknown.
 
         See :class:`~agglo_polydg_mg.forms.norms.Errors`.
         """
@@ -172,7 +172,7 @@ class PolyDG:
     def errors_in(
         self, problem: Problem, mesh: Mesh, x: Float, cells: Mask | None = None
     ) -> Mapping[str, float]:
-        """Return the :meth:`errors` over ``cells (n_cells,)`` and half of their faces to other cells."""
+        """Return the :meth:`errors` on some ``cells (n_cells,)``, with half of each face to other cells."""
         diffusion = _diffusion(problem)
         if diffusion.exact is None:
             return {}
@@ -182,14 +182,14 @@ class PolyDG:
         return {"l2": norms.l2 / factor, "dg": norms.dg / factor}
 
     def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:
-        """Return the load ``(n,)`` from source and Neumann data: b itself without Dirichlet data."""
+        """Return the load ``(n,)`` of source and Neumann data, equal to b if there are no Dirichlet data."""
         asked = _diffusion(problem)
         return load(self.basis(mesh), asked) if asked.dirichlet else b
 
     def residual_measure(
         self, problem: Problem, mesh: Mesh, b: Float, basis: Basis | None = None
     ) -> solvers.ResidualMeasure:
-        """Return the residual measure for a problem with right-hand side ``b (n,)``.
+        """Return the norm in which solvers measure residuals, for the right-hand side ``b (n,)``.
 
         It weights by the cell means of κ.
         """
@@ -219,7 +219,7 @@ def _diffusion(problem: Problem) -> Diffusion:
 
 
 def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
-    """Return the problem for corrections on agglomerates: equal conditions with zero data."""
+    """Return the problem that corrections on agglomerates solve: same boundary parts, zero data."""
     diffusion = _diffusion(problem)
     return Diffusion(
         kappa=_average_coefficient(diffusion.kappa, mesh, labels),

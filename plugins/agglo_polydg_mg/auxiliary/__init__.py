@@ -1,1 +1,1 @@
-"""Coarse spaces of the default solver: the continuous space and its levels."""
+"""Coarse spaces of the default solver: a continuous auxiliary space and its multigrid levels."""

@@ -12,7 +12,7 @@ from agglo_polydg_mg.space.polynomials import legendre, orders
 
 
 def project_between(fine: Basis, coarse: Basis, labels: Int) -> sparse.bsr_array:
-    """Return the prolongation ``(fine.n, coarse.n)`` from agglomerates to cells.
+    """Return the prolongation ``(fine.n, coarse.n)`` from polynomials on agglomerates to those on cells.
 
     The prolongation is injection, hence the L2 projection: a polynomial on an agglomerate is a polynomial
     on each of its cells. Only the box changes; cell shapes have no influence.
@@ -54,7 +54,7 @@ def project_between(fine: Basis, coarse: Basis, labels: Int) -> sparse.bsr_array
 
 
 def _parallel_coefficients(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
-    """Return the coefficients ``(n, fine.n_local, coarse.n_local)`` for parallel boxes."""
+    """Expand coarse in fine basis functions, for parallel boxes: ``(n, fine.n_local, coarse.n_local)``."""
     outer, inner = coarse.halves[labels], fine.halves[cells]
     shift = fine.centres[cells] - coarse.centres[labels] + (fine.mesh.origin - coarse.mesh.origin)
     dim = fine.mesh.dim
@@ -70,9 +70,9 @@ def _parallel_coefficients(fine: Basis, coarse: Basis, cells: Int, labels: Int) 
 
 
 def _rotated_coefficients(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
-    """Return the coefficients ``(n, fine.n_local, coarse.n_local)`` for boxes in any direction.
+    """Expand coarse in fine basis functions, for rotated boxes: ``(n, fine.n_local, coarse.n_local)``.
 
-    They are computed by Gauss points in the boxes of the cells.
+    The coefficients are computed by Gauss points in the boxes of the cells.
     """
     nodes, weights = gauss(fine.degree + 1)
     u, v = (each.ravel() for each in np.meshgrid(nodes, nodes, indexing="ij"))
@@ -88,7 +88,7 @@ def _rotated_coefficients(fine: Basis, coarse: Basis, cells: Int, labels: Int) -
 
 
 def _axis_coefficients(shift: Float, stretch: Float, degree: int) -> Float:
-    """Return the coefficients ``(n, k, i)`` of L_i(shift + stretch t) in the L_k(t)."""
+    """Expand the Legendre polynomials L_i(shift + stretch t) in the L_k(t): coefficients ``(n, k, i)``."""
     nodes, weights = gauss(degree + 1)
     wide = legendre(shift[:, None] + stretch[:, None] * nodes, degree)
     return np.triu(np.einsum("inq,kq,q->nki", wide, legendre(nodes, degree), weights))

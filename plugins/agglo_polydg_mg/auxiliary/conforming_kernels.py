@@ -1,4 +1,4 @@
-"""Kernels of the continuous space: vertex clusters, corner unknowns, trace fits.
+"""Compiled kernels of the continuous space: vertex clusters, corner unknowns, trace fits.
 
 A corner is a pair of a cell and a vertex cluster. ``ends (F, 2, 2)`` contains the corners at each face:
 ``ends[f, side, k]`` is the corner of cell ``face_cells[f, side]`` at vertex ``face_vertices[f, k]``.
@@ -54,7 +54,7 @@ def cluster_vertices(points, edges, limits):
 
 @kernel
 def corners_of_cells(offsets, faces, face_vertices, face_cells, clusters):
-    """Number the corners, cell by cell.
+    """Number the corners, pairs of a cell and one of its vertex clusters, cell by cell.
 
     Returns corner offsets ``(n_cells + 1,)`` and ``ends (F, 2, 2)``, −1 outside the domain. Cell c has the
     faces ``faces[offsets[c]:offsets[c + 1]]``.
@@ -81,7 +81,7 @@ def corners_of_cells(offsets, faces, face_vertices, face_cells, clusters):
 
 @kernel
 def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffness, order, weak, comparable):
-    """Unite corners into unknowns where strong faces couple the cells.
+    """Unite the corners of strongly coupled cells at a vertex into one unknown.
 
     Returns the unknown ``(m,)`` of each corner, numbered by first cell, and their number.
     ``coupling (F,)`` is the energy of a unit jump across a face, ``stiffness (n_cells,)`` the largest
@@ -136,7 +136,7 @@ def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffnes
 
 @helper
 def _polynomials(x, y, box, roots, values):
-    """Write the unscaled polynomials of a cell at a point to ``values``.
+    """Evaluate the unscaled basis polynomials of a cell at a point, and write them to ``values``.
 
     They are (i + 1/2)^½ (j + 1/2)^½ L_i(x̂) L_j(ŷ), numbered by total degree, with L_i(1) = 1; ``roots
     (degree + 1,)`` the factors (i + 1/2)^½.
@@ -163,7 +163,7 @@ def _polynomials(x, y, box, roots, values):
 
 @helper
 def _add_point(weight, values, normal, n):
-    """Add ``weight`` times the outer product of the polynomial values to the lower half of a matrix."""
+    """Add ``weight`` v vᵀ, with the polynomial values v at a point, to the lower half of ``normal``."""
     for i in range(n):
         t = weight * values[i]
         for j in range(i + 1):
@@ -204,7 +204,7 @@ def fit_traces(
     points, offsets, faces, face_vertices, face_cells, ends, starts, unknowns, bubbles, isolated, orthogonal,
     boxes, scale, degree, nodes, weights, regularisation, squares, max_rows,
 ):  # fmt: skip
-    """Fit a polynomial q_u of each cell to the trace of each of its unknowns u.
+    """Fit a polynomial q_u on each cell to the boundary trace of the basis function of each unknown u.
 
     Returns the unknowns of each cell, as offsets ``(n_cells + 1,)`` and indices, and the coefficients ``(·,
     n)`` of each q_u. The fit minimises ∫ (q − trace)² ds over the cell boundary, after mapping the bounding

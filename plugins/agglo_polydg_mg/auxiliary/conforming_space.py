@@ -48,7 +48,7 @@ not normal to many faces, where rounding would decide the sign."""
 
 @dataclass(frozen=True, eq=False)
 class ConformingSpace:
-    """A continuous space with one unknown per vertex, followed by face bubbles.
+    """A continuous space: unknowns at the vertices and, numbered after them, bubbles on the faces.
 
     Attributes
     ----------
@@ -79,9 +79,10 @@ class ConformingSpace:
     jumps: Float
 
     def prolongation(self, dtype: Any = np.float64, scale: Float | None = None) -> sparse.bsr_array:
-        """Return P ``(n_cells · n_local, n)`` in blocks of one column, with rounding errors set to 0.
+        """Return the prolongation P ``(n_cells · n_local, n)`` to the cells, in blocks of one column.
 
-        ``scale (n_cells, n_local, n_local)``, if given, multiplies the rows of each cell by its block.
+        Entries at rounding level are set to 0. ``scale (n_cells, n_local, n_local)``, if given, multiplies
+        the rows of each cell by its block.
         """
         from agglo_polydg_mg.auxiliary.galerkin_kernels import multiply_rows
 
@@ -98,7 +99,7 @@ class ConformingSpace:
         small_bubbles: float = 0.0,
         small_vertices: float = 0.0,
     ) -> sparse.csr_array:
-        """Return C = Pᵀ A P ``(n, n)`` with sorted columns, without small entries.
+        """Return the Galerkin matrix C = Pᵀ A P ``(n, n)``, with sorted columns and without small entries.
 
         Entries |c_ij| ≤ ``small`` (c_ii c_jj)^½ are dropped; between two bubbles the factor is
         ``small_bubbles``, and their magnitude is added to the diagonal, so that C stays definite. Between
@@ -120,7 +121,7 @@ class ConformingSpace:
 def conforming_space(
     basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool = True, orthogonal: bool = True
 ) -> ConformingSpace:
-    """Build the continuous space of a basis.
+    """Build the continuous auxiliary space of a discontinuous polynomial space in 2-D.
 
     Vertices joined by faces shorter than half of |K| / diam K share an unknown, if they lie that close
     together.
@@ -210,14 +211,14 @@ def conforming_space(
 
 
 def directions(mesh: Mesh) -> Float:
-    """Return face vectors ``(n_faces, 2)`` that all point to one side."""
+    """Return the edge vectors of the faces ``(n_faces, 2)``, all oriented towards one half-plane."""
     a, b = mesh.face_pairs.T
     vectors = mesh.local_points[b] - mesh.local_points[a]
     return frozen_float(np.where(vectors @ _DIRECTION < 0.0, -1.0, 1.0)[:, None] * vectors)
 
 
 def bubble_signs(mesh: Mesh, bubbles: Int, extra: int, n: int) -> Float:
-    """Return the sign ``(n,)`` of each unknown's function.
+    """Return signs ``(n,)`` that make the basis functions independent of the orientation of faces.
 
     Odd bubbles change sign when the face direction is reversed.
     """
@@ -230,7 +231,7 @@ def bubble_signs(mesh: Mesh, bubbles: Int, extra: int, n: int) -> Float:
 
 
 def _faces_with_own_ends(mesh: Mesh, ends: Int, corners: Int, bubbles: bool) -> Mask:
-    """Return True for faces ``(n_faces,)`` whose end unknowns belong only to the adjacent cells.
+    """Return a mask of faces ``(n_faces,)`` whose end unknowns belong to no cell but the adjacent ones.
 
     ``corners (n_vertices,)`` counts the cells per unknown. Without ``bubbles`` the result is not
     needed and all False.
@@ -245,7 +246,7 @@ def _faces_with_own_ends(mesh: Mesh, ends: Int, corners: Int, bubbles: bool) -> 
 
 
 def _orthogonal(extra: int) -> Float:
-    """Return the multiples that make bubbles orthogonal to all lower trace functions.
+    """Return the coefficients that make each bubble orthogonal to linear functions and lower bubbles.
 
     Row k of the table ``(extra, 2 + extra)`` refers to the linear functions (1 − s)/2, (1 + s)/2 and the
     lower bubbles (1 − s²) s^k on −1..1.
@@ -261,7 +262,7 @@ def _orthogonal(extra: int) -> Float:
 
 
 def _clusters(mesh: Mesh) -> tuple[Mask, Int]:
-    """Return a short face mask, and the cluster of each vertex."""
+    """Return a mask of the short faces, and the cluster that each vertex joins along them."""
     from agglo_polydg_mg.auxiliary.conforming_kernels import cluster_vertices
 
     limits = _SHORT * mesh.cell_measures / mesh.cell_diameters
@@ -277,7 +278,7 @@ def _clusters(mesh: Mesh) -> tuple[Mask, Int]:
 
 
 def _bubbles(mesh: Mesh, starts: Int, short: Mask, first: int, n_per_face: int) -> tuple[Int, int]:
-    """Return the first bubble per face ``(F,)``, sorted by first cell, and the number of unknowns.
+    """Number the bubbles by first cell: first bubble of each face ``(F,)``, and total number of unknowns.
 
     Faces without bubbles have −1.
     """

@@ -1,4 +1,4 @@
-"""Build the levels with a continuous space: cells, vertices and bubbles, then vertex aggregates.
+"""Build multigrid levels with a continuous space: cells, vertices and bubbles, then vertex aggregates.
 
 Cell smoothing removes the discontinuous errors. The rest is a scalar problem on vertices with its own
 multigrid. No coarse level is discontinuous.
@@ -64,7 +64,7 @@ def conforming_stack(
     layers: bool = False,
     dtype: Any = np.float32,
 ) -> multigrid.LevelStack:
-    """Build the levels for a symmetric interior penalty system.
+    """Build multigrid levels with continuous coarse spaces for a symmetric interior penalty system.
 
     The first level is the system itself. The second has the vertices and bubbles of
     :func:`~agglo_polydg_mg.auxiliary.conforming_space.conforming_space`, the third the vertices alone.
@@ -153,20 +153,23 @@ def conforming_stack(
 
 
 def cell_sweeps(A: Any, block_offsets: Int, dtype: Any, sweeps: int = 1) -> multigrid.LevelSmoother:
-    """Return symmetric block Gauss–Seidel on cells, for a matrix symmetric by assembly."""
+    """Return symmetric block Gauss–Seidel with one block per cell, for an exactly symmetric matrix."""
     matrix = multigrid.block_matrix(A, block_offsets, dtype, symmetric=True)
     return multigrid.GaussSeidel.on(matrix, sweeps)
 
 
 def _sweeps_for(basis: Basis) -> Callable[[Any, Int, Any], multigrid.LevelSmoother]:
-    """Return cell sweeps with the best number for a space."""
+    """Return block Gauss–Seidel on cells: two sweeps for linear tetrahedra, otherwise one."""
     linear = basis.mesh.dim == 3 and basis.degree == 1
     tetrahedra = linear and int(np.diff(basis.mesh.cell_faces[0]).max()) == 4
     return partial(cell_sweeps, sweeps=_SWEEPS if tetrahedra else 1)
 
 
 def labels_of_unknowns(space: ConformingSpace, labels: Int) -> Int:
-    """Return the label ``(n,)`` of each unknown's first cell, vertices first."""
+    """Return the label ``(n,)`` of each unknown: the agglomerate of its first cell.
+
+    Vertex unknowns precede bubbles.
+    """
     cells = np.repeat(labels, np.diff(space.offsets))[::-1]
     found = np.empty(space.n, np.int64)
     found[space.unknowns[::-1]] = cells
@@ -174,7 +177,7 @@ def labels_of_unknowns(space: ConformingSpace, labels: Int) -> Int:
 
 
 def _with_bubbles(C: Any, space: ConformingSpace, dtype: Any) -> multigrid.Level:
-    """Build the level of vertices and bubbles, with zeros for the bubbles in its prolongation."""
+    """Build the multigrid level of vertices and bubbles, whose prolongation is 0 on bubbles."""
     P = sparse.csr_array(sparse.eye_array(space.n, space.n_vertices, dtype=dtype))
     sweeps = multigrid.ScalarGaussSeidel(C, dtype)
     return multigrid.Level(sweeps.matrix, frozen_int(np.arange(space.n + 1)), P, sweeps)

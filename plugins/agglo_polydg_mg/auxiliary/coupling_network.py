@@ -1,4 +1,4 @@
-"""Build an M-matrix surrogate for the continuous space, used to guide coarsening.
+"""Build an M-matrix surrogate for the matrix of the continuous space, to guide coarsening.
 
 In flat cells the matrix of the space is no guide: a polynomial fits the values at four corners only in the
 mean, so that many couplings are positive and large. The network is spectrally equivalent and has no
@@ -25,7 +25,7 @@ Edges = tuple[Any, Any, Any]
 
 
 def coupling_network(space: ConformingSpace, mesh: Mesh, kappa: Float) -> sparse.csr_array:
-    """Return the symmetric, diagonally dominant network ``(n, n)`` without positive couplings.
+    """Return the coupling network, a symmetric, diagonally dominant M-matrix ``(n, n)``.
 
     In each cell, the vertices are joined along its faces; the weight is a lower bound for the energy of
     their difference. On rectangles the result is the five-point matrix, on triangles the matrix of linear
@@ -48,7 +48,7 @@ def coupling_network(space: ConformingSpace, mesh: Mesh, kappa: Float) -> sparse
 
 
 def network(edges: Sequence[Edges], ground: Any) -> sparse.csr_array:
-    """Return the matrix ``(n, n)`` of edges and diagonal costs ``ground (n,)``.
+    """Assemble the M-matrix ``(n, n)`` of weighted edges, with ``ground (n,)`` added to the diagonal.
 
     Edges without an unknown at one end, and edges without conductance, are left out. An edge to an unknown
     held by the boundary becomes a diagonal cost of the other end: there is nothing to interpolate from.
@@ -70,14 +70,14 @@ def network(edges: Sequence[Edges], ground: Any) -> sparse.csr_array:
 
 
 def _along_faces(space: ConformingSpace, mesh: Mesh, kappa: Float, side: int) -> Edges:
-    """Return edges between the ends of each face, for the cells on one side."""
+    """Return network edges between the end unknowns of each face, for the cells on one side of faces."""
     faces, weights = cotangents(mesh, kappa, side)
     first, second = space.ends[faces, side].T
     return first, second, weights
 
 
 def cotangents(mesh: Mesh, kappa: Float, side: int) -> tuple[Int, Any]:
-    """Return the faces ``(m,)`` with a cell on one side, and their weights.
+    """Return the faces ``(m,)`` with a cell on the given side, and their edge weights in this cell.
 
     The weight is the energy in this cell for a unit difference between the face ends.
     """
@@ -92,7 +92,7 @@ def cotangents(mesh: Mesh, kappa: Float, side: int) -> tuple[Int, Any]:
 
 
 def across_faces(space: ConformingSpace, mesh: Mesh, end: int) -> Edges:
-    """Return edges between the unknowns of adjacent cells at one face end."""
+    """Return network edges across inner faces, between both cells' unknowns at one end of the face."""
     inner = mesh.face_cells[:, 1] >= 0
     first, second = space.ends[inner, :, end].T
     return first, second, 0.5 * space.jumps[inner]

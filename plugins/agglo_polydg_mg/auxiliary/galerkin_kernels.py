@@ -1,4 +1,4 @@
-"""Kernels of C = Pᵀ A P for a block matrix A and few unknowns of C per cell.
+"""Kernels for the Galerkin product C = Pᵀ A P of a block matrix A, with few coarse unknowns per cell.
 
 ``offsets, indices`` are the cell unknowns, ``fitted (·, n)`` the columns of P on the cell. C is
 symmetric: only its upper half is computed, with the diagonal entry first in each row.
@@ -23,7 +23,7 @@ A larger value drops more entries and moves more weight to the diagonal (benchma
 
 @helper(allocates=True)
 def _holders(offsets, indices, size):
-    """Return the positions of each unknown in ``indices``, as a CSR, and their cells."""
+    """Invert the cell lists: where each unknown occurs in ``indices``, as a CSR, and in which cells."""
     # Counting sort of the positions by unknown.
     starts = np.zeros(size + 1, np.int64)
     for k in indices:
@@ -42,7 +42,7 @@ def _holders(offsets, indices, size):
 
 @cache
 def half_product(width: int) -> Callable[..., Any]:
-    """Return the kernel for the upper half of C with a block size, 0 for any size.
+    """Return the kernel that computes the upper half of C for one block size, or for any if it is 0.
 
     Its arguments are ``(indptr, columns, blocks, offsets, indices, fitted, size)``. It returns rows,
     columns and values of the upper half of C ``(size, size)``; the diagonal entry is first in its row, the
@@ -117,7 +117,7 @@ def _double_length(array):
 
 @kernel
 def drop_small_entries(rows, columns, values, vertices, small, small_bubbles, small_vertices):
-    """Drop entries c_ij that are small relative to their diagonal entries from a symmetric matrix C.
+    """Drop from a symmetric matrix C the entries c_ij that are small relative to c_ii and c_jj.
 
     C is given by its upper half, with the diagonal entry first in each row. The result is a CSR of both
     halves with sorted columns. Unknowns from ``vertices`` on are bubbles. With d_ij = (c_ii c_jj)^½:
@@ -187,7 +187,7 @@ def drop_small_entries(rows, columns, values, vertices, small, small_bubbles, sm
 
 @helper
 def _group_of(group, i):
-    """Return the tree root of i, halving the path."""
+    """Return the root of i in a union–find forest, halving the path."""
     while group[i] != i:
         group[i] = group[group[i]]
         i = group[i]
@@ -196,7 +196,7 @@ def _group_of(group, i):
 
 @kernel(reorder_sums=True)
 def multiply_rows(blocks, offsets, rows):
-    """Multiply each of ``rows[offsets[c]:offsets[c + 1]]``, with n entries, by the ``(n, n)`` block c."""
+    """Multiply the rows of each cell c, ``rows[offsets[c]:offsets[c + 1]]``, by its ``(n, n)`` block."""
     product = np.empty_like(rows)
     for c in range(len(blocks)):
         for k in range(offsets[c], offsets[c + 1]):

@@ -1,4 +1,4 @@
-"""Build the levels with a continuous space and a group smoother, where single cells are too small.
+"""Build multigrid levels with a continuous space, smoothed by groups of cells instead of single cells.
 
 The unknowns of each cell are scaled so that its diagonal block is the identity: otherwise single precision
 would lose all digits in the blocks of flat cells.
@@ -39,7 +39,7 @@ def grouped_stack(
     dtype: Any = np.float32,
     overlap: bool = False,
 ) -> multigrid.LevelStack:
-    """Build the levels of a conforming stack, the first smoothed by groups.
+    """Build the levels of ``conforming_stack``, but smooth the first by groups of cells.
 
     Other parameters and the levels are documented in
     :func:`~agglo_polydg_mg.auxiliary.conforming_stack.conforming_stack`. By default groups are up to eight

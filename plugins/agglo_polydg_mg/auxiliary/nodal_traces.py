@@ -25,13 +25,13 @@ from agglo_polydg_mg.auxiliary.coupling_network import (
 
 
 def on_nodes(space: ConformingSpace, mesh: Mesh) -> Mask:
-    """Return True for faces ``(n_faces,)`` with bubbles and an equal unknown of both cells at each end."""
+    """Return a mask of faces ``(n_faces,)`` with bubbles whose cells share the unknowns at both ends."""
     inner = mesh.face_cells[:, 1] >= 0
     return (space.bubbles >= 0) & (~inner | (space.ends[:, 0] == space.ends[:, 1]).all(axis=1))
 
 
 def nodal_basis(space: ConformingSpace, mesh: Mesh) -> sparse.csr_array:
-    """Return T ``(n, n)``, the map from vertex and face point values to the unknowns of a space.
+    """Return the map T ``(n, n)`` from values at vertices and face points to the unknowns of a space.
 
     Face points take the bubble numbers of the face, from its first end to the second. Faces outside
     :func:`on_nodes` keep their bubbles.
@@ -63,7 +63,7 @@ def nodal_basis(space: ConformingSpace, mesh: Mesh) -> sparse.csr_array:
 
 
 def nodal_network(space: ConformingSpace, mesh: Mesh, kappa: Float) -> sparse.csr_array:
-    """Return the network ``(n, n)`` for the unknowns of :func:`nodal_basis`.
+    """Return the coupling network, an M-matrix ``(n, n)``, for the unknowns of :func:`nodal_basis`.
 
     It corresponds to :func:`~agglo_polydg_mg.auxiliary.coupling_network.coupling_network`. Successive
     points on a face are joined. So are points on two cell faces at equal positions: along lines
@@ -89,7 +89,7 @@ def nodal_network(space: ConformingSpace, mesh: Mesh, kappa: Float) -> sparse.cs
 
 
 def _points(extra: int) -> Float:
-    """Return the inner Gauss–Lobatto points ``(extra,)`` of 0..1."""
+    """Return the inner Gauss–Lobatto points ``(extra,)`` of [0, 1]."""
     legendre = np.polynomial.Legendre.basis(extra + 1)
     return frozen_float(0.5 + 0.5 * np.sort(legendre.deriv().roots().real))
 
@@ -101,7 +101,7 @@ def _shares(extra: int) -> Float:
 
 
 def _along_faces(space: ConformingSpace, mesh: Mesh, kappa: Float, side: int, nodal: Mask) -> list[Edges]:
-    """Return edges between successive points on a face, for the cells on one side."""
+    """Return network edges between successive points on a face, for the cells on one side of faces."""
     faces, weights = cotangents(mesh, kappa, side)
     extra, is_nodal = space.bubbles_of_a_face, nodal[faces]
     start, end = space.ends[faces, side].T
@@ -113,7 +113,7 @@ def _along_faces(space: ConformingSpace, mesh: Mesh, kappa: Float, side: int, no
 
 
 def _in_triangles(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: Mask) -> list[Edges]:
-    """Return edges between two faces of a triangle, parallel to the third."""
+    """Return network edges between points on two faces of a triangle, parallel to the third face."""
     # 1. Triangles with their faces
     offsets, of_cells = mesh.cell_faces
     cells = np.flatnonzero(np.diff(offsets) == 3)
@@ -141,7 +141,7 @@ def _in_triangles(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: Mask)
 
 
 def _in_quadrilaterals(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: Mask) -> list[Edges]:
-    """Return edges between opposite faces of quadrilaterals."""
+    """Return network edges between points on opposite faces of quadrilaterals."""
     cells, pairs = _opposite_faces(mesh)
     extra, squares = space.bubbles_of_a_face, mesh.face_measures[pairs] ** 2
     points = mesh.local_points[mesh.face_pairs[pairs]]
@@ -161,7 +161,7 @@ def _in_quadrilaterals(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: 
 
 
 def _opposite_faces(mesh: Mesh) -> tuple[Int, Any]:
-    """Return quadrilaterals ``(q,)``, and both pairs of opposite faces ``(q, 2, 2)``."""
+    """Return the quadrilateral cells ``(q,)`` and their two pairs of opposite faces ``(q, 2, 2)``."""
     offsets, of_cells = mesh.cell_faces
     cells = np.flatnonzero(np.diff(offsets) == 4)
     faces = of_cells[offsets[cells][:, None] + np.arange(4)]

@@ -1,4 +1,4 @@
-"""Conforming auxiliary space on polyhedra: vertices, and from degree 2 on edges."""
+"""Conforming auxiliary space on polyhedra: unknowns at vertices and, from degree 2, on edges."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ It limits polynomials that vanish on the surface; a larger value fits the trace 
 
 
 def solid_space(basis: Basis, *, bubbles: bool = True) -> ConformingSpace:
-    """Build the continuous space of a basis in 3-D.
+    """Build the continuous auxiliary space of a discontinuous polynomial space in 3-D.
 
     It corresponds to :func:`~agglo_polydg_mg.auxiliary.conforming_space.conforming_space`. Each vertex has
     one unknown and, from degree 2 on, so has each edge between triangles: the bubble 4 λ_a λ_b. On each
@@ -56,7 +56,7 @@ def _space(offsets: Int, unknowns: Index, fitted: Float, n_vertices: int, n: int
 
 
 def _vertices(mesh: Mesh) -> tuple[Int, int]:
-    """Return the vertex unknowns at each face vertex ``(v,)``, numbered by first cell, and their number."""
+    """Number the vertex unknowns by first cell: that at each face vertex ``(v,)``, and the total number."""
     vertices, first = np.unique(mesh.cell_vertices[1], return_index=True)
     numbers = np.full(mesh.n_points, -1)
     numbers[vertices[np.argsort(first)]] = np.arange(len(vertices))
@@ -64,7 +64,7 @@ def _vertices(mesh: Mesh) -> tuple[Int, int]:
 
 
 def _edges(mesh: Mesh, numbers: Int, n_vertices: int, has_bubbles: bool) -> tuple[Int, int]:
-    """Return the edge unknown from each face vertex to the next ``(v,)``, and the number of unknowns.
+    """Number the edge unknowns: that from each face vertex to the next ``(v,)``, and the total number.
 
     Edges without an unknown have −1.
     """

@@ -12,7 +12,7 @@ from agglo_polydg_mg.space.solid_kernels import in_box
 
 @helper
 def _place(unknown, indices, position, count):
-    """Return the position of an unknown among the first ``count`` in a cell, or ``count``."""
+    """Return the index of an unknown among the first ``count`` of a cell, or ``count`` if it is absent."""
     for i in range(count):
         if indices[position + i] == unknown:
             return i
@@ -21,7 +21,7 @@ def _place(unknown, indices, position, count):
 
 @helper
 def _polynomials(x, y, z, orders, table, lines, values):
-    """Write the unscaled cell polynomials at a point in [−1, 1]³ to ``values``."""
+    """Evaluate the unscaled basis polynomials at a point in [−1, 1]³, and write them to ``values``."""
     degree = table.shape[1]
     legendre_at(x, degree, table, lines[0])
     legendre_at(y, degree, table, lines[1])
@@ -55,7 +55,7 @@ def fit_solid_traces(
     points, offsets, faces, face_offsets, face_vertices, numbers, edges, boxes, scale, orders, rule, weights,
     regularisation, max_rows, most,
 ):  # fmt: skip
-    """Fit a polynomial q_u of each cell to the trace of each of its unknowns u.
+    """Fit a polynomial q_u on each cell to the surface trace of the basis function of each unknown u.
 
     Returns the unknowns of each cell, as offsets ``(n_cells + 1,)`` and indices, and the coefficients ``(·,
     n)`` of each q_u. The fit minimises ∫ (q − trace)² ds over the cell surface, after mapping the bounding

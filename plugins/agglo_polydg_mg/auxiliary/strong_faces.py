@@ -18,7 +18,9 @@ layers of flat cells (benchmarks/solve.py --meshes graded layers)."""
 
 
 def strong_pairs(mesh: Mesh, sigma: Float) -> Int:
-    """Return the cell pairs ``(m, 2)`` across faces with more than twice a smallest penalty, strongest first.
+    """Return the cell pairs ``(m, 2)`` that share a face with large penalty, strongest first.
+
+    Large means more than twice the smallest penalty on the faces of the two cells.
 
     Parameters
     ----------
@@ -33,7 +35,7 @@ def strong_pairs(mesh: Mesh, sigma: Float) -> Int:
 
 
 def strong_part(mesh: Mesh, sigma: Float) -> float:
-    """Return the fraction of strong inner faces.
+    """Return the fraction of inner faces with a large penalty.
 
     Their penalty is more than 3 times the smallest penalty in one of their cells.
     """
@@ -42,7 +44,7 @@ def strong_part(mesh: Mesh, sigma: Float) -> float:
 
 
 def weak_part(mesh: Mesh, sigma: Float) -> float:
-    """Return the fraction of weak inner faces.
+    """Return the fraction of inner faces across which a jump costs little energy.
 
     A jump across them costs less than 0.1 times the maximum in both of their cells.
     """
@@ -55,7 +57,7 @@ def weak_part(mesh: Mesh, sigma: Float) -> float:
 
 
 def _strength(mesh: Mesh, sigma: Float) -> Float:
-    """Return the penalty of each inner face over the smallest penalty in its two cells."""
+    """Return the penalty of each inner face divided by the smallest penalty in its two cells."""
     inner = mesh.face_cells[:, 1] >= 0
     offsets, faces = mesh.cell_faces
     positive = np.where(sigma > 0.0, sigma, np.inf)[faces]

@@ -18,7 +18,7 @@ from agglo_polydg_mg.space.basis import block_diagonal
 
 
 def l2_projection(fine: Any, coarse: Any, mass: Any, width: int) -> sparse.bsr_array:
-    """Return the prolongation between spaces that are not nested.
+    """Return the prolongation between spaces that are not nested, the L2 projection.
 
     Parameters
     ----------
@@ -35,12 +35,12 @@ def l2_projection(fine: Any, coarse: Any, mass: Any, width: int) -> sparse.bsr_a
 
 
 def block_matrix(A: Any, width: int) -> sparse.bsr_array:
-    """Return ``A`` in blocks with size ``width``, with 32-bit indices if they suffice."""
+    """Convert ``A`` to a block matrix with block size ``width``, with 32-bit indices if they suffice."""
     return sparse.bsr_array(A, blocksize=(width, width))
 
 
 def diagonal_blocks(A: Any, width: int) -> Float:
-    """Return the diagonal blocks ``(n, w, w)`` of a square matrix, zero if not stored."""
+    """Return the diagonal blocks ``(n, w, w)`` of a square matrix, zero where none is stored."""
     bsr = block_matrix(A, width)
     n = bsr.shape[0] // width
     rows = np.repeat(np.arange(n), np.diff(bsr.indptr))
