@@ -1,1 +1,1 @@
-"""Bilinear forms, loads, penalties and norms."""
+"""Bilinear forms, loads, penalties and norms of the interior penalty method."""

@@ -79,7 +79,7 @@ def discretise(
 
 
 class Lifted(NamedTuple):
-    """A system, and its load for u − c with the Dirichlet offset c in each cell.
+    """Linear system for u, and its right-hand side for u − c with a constant c in each cell.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ def discretise_lifted(
     basis: Basis | None = None,
     units: UnitForms | None = None,
 ) -> Lifted:
-    """Assemble like :func:`discretise`, and return the load without the :func:`data_offset` too.
+    """Assemble as :func:`discretise` does, and also return the load for u − c, c from :func:`data_offset`.
 
     A ``basis`` from an earlier problem with this mesh and degree keeps the purely geometric data; ``units``
     keep parts that κ only scales, if κ is constant in each cell.
@@ -143,7 +143,7 @@ def discretise_lifted(
 
 
 def load(basis: Basis, problem: Diffusion) -> Float:
-    """Return the load ``(n,)`` from source and Neumann data: b without Dirichlet terms.
+    """Return the load vector ``(n,)`` of source and Neumann data: b without Dirichlet terms.
 
     Its product with the coefficients of u is the load work, ∫ f u + ∫ flux u.
     """
@@ -162,7 +162,7 @@ def jump_penalty(
     inside: Float | None = None,
     units: UnitForms | None = None,
 ) -> Float:
-    """Return the face penalty σ ``(n_faces,)``, 0 on ``natural`` faces.
+    """Return the jump penalty σ ``(n_faces,)`` of each face, 0 on ``natural`` (Neumann) faces.
 
     κ comes from :func:`positive`. If available, pass its :func:`face_coefficients` for degree + 2 as
     ``on_faces``, its :func:`stiffness` as ``inside``, and, if κ is constant in each cell, ``units``.
@@ -192,7 +192,10 @@ def _matrix(
     across, cells = basis.across, mesh.face_cells if mesh.dim == 2 else basis.sides.cells
 
     def add(start: int, stop: int) -> None:
-        """Add the cell rows in one mesh strip. Only faces between two strips are visited twice."""
+        """Add the face terms to the matrix rows of the cells in one strip of the mesh.
+
+        Only faces between two strips are visited twice.
+        """
         in_strip = np.zeros(mesh.n_cells + 1, bool)  # last entry: outside
         in_strip[across[start:stop]] = True
         faces = frozen_int(np.flatnonzero(in_strip.take(cells).any(axis=1)))
@@ -212,7 +215,7 @@ def _matrix(
 
 
 def positive(mesh: Mesh, kappa: Field) -> Field:
-    """Return κ as ``(n_cells,)`` values or as a callable that raises OptionError unless positive."""
+    """Check that κ is positive: return cell values ``(n_cells,)``, or a callable that checks its values."""
     if callable(kappa):
 
         def checked(points: Float) -> Float:

@@ -14,7 +14,7 @@ from agglo_polydg_mg.space.quadrature import per_cell, sample
 
 
 class Boundary(NamedTuple):
-    """Face tags ``(n_faces,)``, and the boundary faces with and without (natural) Dirichlet data."""
+    """Face tags ``(n_faces,)``, Dirichlet faces, and natural (Neumann) faces of the boundary."""
 
     tags: Int
     dirichlet: Int
@@ -55,7 +55,7 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
 
 
 def _tags(mesh: Mesh, name: str) -> Int:
-    """Return the face tag ``name``, or 0 if it is ``boundary`` and the mesh has no such tag."""
+    """Return the values of the face tag ``name``, all 0 if it is the default tag and the mesh has none."""
     if name in mesh.face_tags:
         return mesh.face_tags[name]
     if name != Diffusion.boundary:
@@ -65,7 +65,7 @@ def _tags(mesh: Mesh, name: str) -> Int:
 
 
 def _require_dirichlet(component: Int, dirichlet: Mask) -> None:
-    """Raise OptionError if some component has no Dirichlet face.
+    """Raise OptionError if a connected component of the domain has no Dirichlet face.
 
     ``component`` and ``dirichlet`` refer to the face kinds.
     """
@@ -81,7 +81,7 @@ def _require_dirichlet(component: Int, dirichlet: Mask) -> None:
 def boundary_values(
     mesh: Mesh, boundary: Boundary, data: Mapping[int, Field], faces: Int, points: Float, name: str
 ) -> Float:
-    """Return data ``(t, q)`` on boundary ``faces (t,)`` at ``points (t, q, d)``, 0 for tags without data."""
+    """Evaluate boundary data ``(t, q)`` at ``points (t, q, d)`` on ``faces (t,)``, 0 without data."""
     values = np.zeros(points.shape[:2])
     for tag, field in data.items():
         on = boundary.tags[faces] == tag
@@ -95,7 +95,7 @@ def boundary_values(
 
 
 def dirichlet_values(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
-    """Return Dirichlet data ``(t, q)`` at the points of the :func:`rule_of` ``boundary.dirichlet``."""
+    """Evaluate the Dirichlet data ``(t, q)`` at the quadrature points of :func:`rule_of` on their faces."""
     if not problem.dirichlet:
         return np.zeros((len(boundary.dirichlet), basis.degree + 2))
     rule = rule_of(basis, boundary.dirichlet)
@@ -103,12 +103,12 @@ def dirichlet_values(basis: Basis, problem: Diffusion, boundary: Boundary) -> Fl
 
 
 def rule_of(basis: Basis, faces: Int) -> FaceRule:
-    """Return the quadrature rule for boundary data on faces."""
+    """Return the quadrature rule for boundary data on some faces."""
     return face_rule(basis.mesh, faces, basis.degree + 2)
 
 
 def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Float) -> Float:
-    """Return the constant part of the Dirichlet data in each cell ``(n_cells,)``.
+    """Return a constant to subtract from Dirichlet data and solution in each cell ``(n_cells,)``.
 
     In each domain component it is the number nearest to 0 between the minimum and maximum of the data: 0 if
     they change sign. Only faces with κ at least a hundredth of the largest count: they determine the
@@ -134,7 +134,7 @@ def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Flo
 
 
 def dirichlet_load(basis: Basis, boundary: Boundary, kappa: Float, sigma: Float) -> Callable[[Float], Float]:
-    """Return the map from data g ``(t, q)`` to its right-hand side ``(n_cells, n_local)``.
+    """Return the map from Dirichlet data g ``(t, q)`` to the right-hand side ``(n_cells, n_local)``.
 
     The right-hand side is ∫ σκ g v − κ g ∂v/∂n. The data come from :func:`dirichlet_values`;
     ``kappa (f, 1)`` or ``(t, q)`` is the coefficient in the owners of the Dirichlet faces,
@@ -159,14 +159,14 @@ def neumann_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
 
 
 def _traces(basis: Basis, rule: FaceRule) -> Float:
-    """Return the owner's polynomials ``(t, q, n_local)`` at the points of a rule."""
+    """Evaluate the polynomials ``(t, q, n_local)`` of each face's owner cell at the quadrature points."""
     count, n, dim = rule.points.shape
     cells = np.repeat(basis.mesh.face_cells[rule.faces, 0], n)
     return basis.values(cells, rule.points.reshape(-1, dim)).reshape(count, n, basis.n_local)
 
 
 def _sum_per_cell(basis: Basis, faces: Int, values: Float, tests: Float) -> Float:
-    """Return Σ_q values (t, q) tests (t, q, k), summed over the faces of each cell."""
+    """Sum values (t, q) times test functions (t, q, k) over the points and faces of each cell."""
     load = np.zeros((basis.mesh.n_cells, basis.n_local))
     np.add.at(load, basis.mesh.face_cells[faces, 0], np.einsum("tq,tqk->tk", values, tests))
     return load

@@ -1,4 +1,4 @@
-"""Kernels for faces: matrix blocks, computed directly or scaled from κ = 1.
+"""Compiled kernels for the matrix blocks of faces, computed directly or scaled from those for κ = 1.
 
 Polynomials and boxes are defined in :mod:`~agglo_polydg_mg.space.legendre_kernels`.
 """
@@ -13,7 +13,7 @@ from agglo_polydg_mg.space.legendre_kernels import CONSTANT, LANES, along_box, r
 
 @kernel
 def block_pattern(offsets, faces, face_cells):
-    """Compute the sparsity pattern of cell blocks, coupling each cell with itself and its neighbours.
+    """Compute the block sparsity pattern that couples each cell with itself and its neighbours.
 
     Cell c has the faces ``faces[offsets[c]:offsets[c + 1]]``; ``face_cells (F, 2)`` are owner and
     neighbour, −1 outside. Returns row offsets ``(n + 1,)``, sorted columns, the diagonal positions ``(n,)``
@@ -63,9 +63,9 @@ def block_pattern(offsets, faces, face_cells):
 
 @helper
 def _polynomials_along(start, step, s, table, values, slopes):
-    """Write Legendre polynomials ``(degree + 1, LANES)`` and slopes at start + s step, a point per lane.
+    """Evaluate Legendre polynomials ``(degree + 1, LANES)`` and their derivatives at start + s step.
 
-    The rows a, b, c, d of ``table`` are defined in ``recurrences``.
+    Each vector lane has its own point. The rows a, b, c, d of ``table`` are defined in ``recurrences``.
     """
     # L_0, L_1 and their slopes first; the recurrences in a, b and c, d give all others.
     for lane in range(LANES):
@@ -83,7 +83,10 @@ def _polynomials_along(start, step, s, table, values, slopes):
 
 @helper
 def _sum_points(jumps, fluxes, sums):
-    """Write the lower halves of Σ_q j rᵀ + r jᵀ per lane to ``sums``, with j = jumps[q] and r = fluxes[q]."""
+    """Write the lower half of Σ_q (j rᵀ + r jᵀ) to ``sums``, with j = jumps[q] and r = fluxes[q].
+
+    Each vector lane has its own matrix.
+    """
     for i in range(jumps.shape[1]):
         for j in range(i + 1):
             for lane in range(LANES):
@@ -98,7 +101,7 @@ def _sum_points(jumps, fluxes, sums):
 
 @helper
 def _scatter(sums, lane, m, f, face_cells, in_strip, slots, blocks):
-    """Add the contributions of face f in one lane to the blocks in rows of ``in_strip`` cells.
+    """Add the matrix of face f, stored in one vector lane, to the blocks in rows of ``in_strip`` cells.
 
     ``sums (2 m, 2 m, LANES)`` contain lower halves, the owner's m rows before the neighbour's.
     """
@@ -130,7 +133,7 @@ def _scatter(sums, lane, m, f, face_cells, in_strip, slots, blocks):
 
 @helper
 def _choose(following, faces, sigma, batch):
-    """Write up to ``LANES`` faces with σ > 0 to ``batch``, and return their number and the next position."""
+    """Collect at most ``LANES`` faces with σ > 0 in ``batch``, and return their number and the next index."""
     count = 0
     while count < LANES and following < len(faces):
         if sigma[faces[following]] != 0.0:
@@ -142,7 +145,7 @@ def _choose(following, faces, sigma, batch):
 
 @helper(allocates=True)
 def _rooms(rules, m, degree):
-    """Return the workspace of :func:`_add_up`: traces, polynomials along the axes, and face frames."""
+    """Allocate the workspace of :func:`_add_up`: traces, polynomials along the axes, and face frames."""
     return np.empty((2, rules, 2 * m, LANES)), np.empty((4, degree + 1, LANES)), np.empty((8, LANES))
 
 
@@ -151,11 +154,12 @@ def _add_up(
     points, face_vertices, face_cells, batch, count, boxes, scale, means, stiffs, nodes, weights, table,
     workspace, sums,
 ):  # fmt: skip
-    """Write Σ_q j rᵀ + r jᵀ of ``batch`` faces to the lower halves ``sums (2 m, 2 m, LANES)``.
+    """Compute the bilinear form of each face in ``batch``: the lower half of Σ_q (j rᵀ + r jᵀ).
 
-    Here j are the polynomial jumps between both cells and r = stiff j − mean g, with the sum g of their
-    normal derivatives; ``means`` and ``stiffs (q, LANES)`` are given at each point. With mean = γ/2 and
-    stiff = σγ/2 this is the bilinear form of the face, j being weighted by the Gauss rule.
+    ``sums (2 m, 2 m, LANES)`` receives the results. Here j are the polynomial jumps between both cells and
+    r = stiff j − mean g, with the sum g of their normal derivatives; ``means`` and ``stiffs (q, LANES)``
+    are given at each point. With mean = γ/2 and stiff = σγ/2 this is the bilinear form of the face, j being
+    weighted by the Gauss rule.
     """
     traces, lines, frame = workspace
     jumps, fluxes, degree, m = traces[0], traces[1], table.shape[1], traces.shape[2] // 2
@@ -244,10 +248,11 @@ def face_blocks(
 def unit_faces(
     points, face_vertices, face_cells, first, lengths, boxes, scale, nodes, weights, degree, units
 ):  # fmt: skip
-    """Write the face forms for κ κ' / (κ + κ') = 1, or κ = 1 at the boundary, starting at face ``first``.
+    """Compute the bilinear forms of faces for κ κ' / (κ + κ') = 1, or κ = 1 at the boundary.
 
-    Each form on both cells is stored as its lower half, row by row: the jump form with σ = 1 in
-    ``units[k, 0]``, the average form in ``units[k, 1]``. Faces with ``lengths`` 0 are left unchanged.
+    The first face is ``first``. Each form on both cells is stored as its lower half, row by row: the jump
+    form with σ = 1 in ``units[k, 0]``, the average form in ``units[k, 1]``. Faces with ``lengths`` 0 are
+    left unchanged.
     """
     m, rules = (degree + 1) * (degree + 2) // 2, len(nodes)
     table, workspace, sums = recurrences(degree), _rooms(rules, m, degree), np.empty((2 * m, 2 * m, LANES))
@@ -277,7 +282,7 @@ def unit_faces(
 
 @kernel
 def add_scaled_blocks(face_cells, faces, in_strip, slots, diagonal, sigma, kappa, stiffness, units, blocks):
-    """Add up the blocks of :func:`face_blocks` for ``kappa (n,)`` per cell, from :func:`unit_faces`.
+    """Add up the matrix blocks for cell values ``kappa (n,)`` by scaling those of :func:`unit_faces`.
 
     ``units (F, 2, m (2 m + 1))`` are the forms of all faces; entry (i, j), i >= j, of a lower half is at i
     (i + 1) / 2 + j. The cell ``stiffness (n, m, m)``, for κ = 1, is added to the blocks at

@@ -59,12 +59,12 @@ def face_rule(mesh: Mesh, faces: Int, n: int) -> FaceRule:
 
 
 def all_faces(mesh: Mesh) -> Int:
-    """Return the numbers ``(n_faces,)`` of all faces."""
+    """Return the indices ``(n_faces,)`` of all faces."""
     return frozen_int(np.arange(mesh.n_faces))
 
 
 def face_coefficients(mesh: Mesh, kappa: Field, faces: Int, n: int) -> Float:
-    """Return κ on both sides of some faces, with the inner value outside the domain.
+    """Return κ on both sides of some faces, repeating the inner value at the boundary.
 
     Cell values are used directly, one row per face ``(f, 2, 1)``. A callable is sampled at the points of
     :func:`face_rule`, one row per piece ``(t, 2, q)``, shifted into either cell by 1e-7 of the face size.
@@ -82,7 +82,7 @@ def face_coefficients(mesh: Mesh, kappa: Field, faces: Int, n: int) -> Float:
 
 
 def on_pieces(coefficients: Float, faces: Int, rule: FaceRule) -> Float:
-    """Return :func:`face_coefficients` rows for each piece of a rule on these ascending ``faces``."""
+    """Repeat the rows of :func:`face_coefficients` for each piece of a rule on ascending ``faces``."""
     if len(coefficients) == len(rule.faces):
         return coefficients
     return frozen_float(coefficients[np.searchsorted(faces, rule.faces)])

@@ -1,4 +1,4 @@
-"""Helpers of the sharp penalty kernels on small matrices: factors, bounds, face weights.
+"""Small-matrix kernels for the sharp penalty: Cholesky factors, eigenvalue bounds, face weights.
 
 A form is the lower half of a face matrix, row by row, followed by its trace. Upper bounds for largest
 eigenvalues are computed for ``LANES`` matrices at a time, so that their powers are computed side by side:
@@ -21,7 +21,7 @@ SQUARINGS = 5
 
 @helper
 def factorise(matrix, n, tolerance):
-    """Compute a Cholesky factor in place, and return False if a pivot is rounding.
+    """Compute a Cholesky factor in place, and return False if a pivot is zero up to rounding.
 
     The factor is in the lower half, its diagonal inverted. Only the lower half of the first n rows in
     ``matrix`` is read. A pivot counts as rounding below ``tolerance`` times its original diagonal entry.
@@ -87,7 +87,7 @@ def square(lanes, scaled, traces, inverse):
 
 @helper
 def complete(lanes, scaled, traces, inverse, bounds):
-    """Compute the ``bounds`` from matrices squared once, and from their first ``traces``."""
+    """Complete the eigenvalue ``bounds`` of matrices that :func:`square` has squared once."""
     # 1. The remaining squarings. With G_0 = G and G_{k+1} = (G_k / tr G_k)² the lanes hold G_5.
     for step in range(1, SQUARINGS):
         square(lanes, scaled, traces[step], inverse)
@@ -109,7 +109,7 @@ def complete(lanes, scaled, traces, inverse, bounds):
 
 @kernel
 def largest_bounds(lanes, bounds):
-    """Write upper ``bounds (LANES,)`` for the largest eigenvalues of positive semidefinite matrices.
+    """Compute upper ``bounds (LANES,)`` for the largest eigenvalues of positive semidefinite matrices.
 
     λ^(2^k) is an eigenvalue of the 2^k-th power, which its Frobenius norm bounds. ``lanes`` contains the
     lower halves ``(n, n, LANES)`` and is overwritten.
@@ -131,7 +131,7 @@ def whiten(slopes, q, factor, n):
 
 @helper
 def _gather(forms, base, weights, start, first, last, n, whole, lanes, lane):
-    """Write Σ_F weights[F] forms[F] over the faces ``first`` to ``last`` of a cell to a lane.
+    """Sum weights[F] forms[F] over the faces F of one cell, and write the matrix to one vector lane.
 
     ``whole`` is workspace for the sum, contiguous there and strided in the lane.
     """
@@ -150,7 +150,7 @@ def _gather(forms, base, weights, start, first, last, n, whole, lanes, lane):
 
 @helper
 def _spread(lanes, lane, n, whole):
-    """Write the matrix in a lane to ``whole``, row by row.
+    """Copy the lower half of the matrix in one vector lane to ``whole``, row by row.
 
     Entries off the diagonal are doubled: the product with a form, a lower half, is then the trace of both.
     """
@@ -163,7 +163,7 @@ def _spread(lanes, lane, n, whole):
 
 @helper(reorder_sums=True)
 def _trace_of_product(form, whole, size):
-    """Return the trace of a form times a matrix from :func:`_spread`."""
+    """Return the trace of the product of a face matrix and a matrix from :func:`_spread`."""
     value = 0.0
     for k in range(size):
         value += form[k] * whole[k]
@@ -172,7 +172,7 @@ def _trace_of_product(form, whole, size):
 
 @helper(allocates=True)
 def balance_workspace(most, n):
-    """Return the workspace of :func:`balance` for ``most`` faces.
+    """Allocate the workspace of :func:`balance` for ``most`` faces.
 
     Separate arrays are faster than a single array.
     """
@@ -187,13 +187,13 @@ def balance_workspace(most, n):
 def balance(
     offsets, faces, face_cells, first_cell, begin, end, forms, base, shares, lengths, n, workspace, penalties
 ):  # fmt: skip
-    """Write the s_KF of cells ``begin`` to ``end``, at most ``LANES``, to ``penalties (F, 2)``.
+    """Compute the penalty s_KF that each cell K from ``begin`` to ``end`` requires on each face F.
 
-    They satisfy Σ_F T_F / s_F ≤ S, with the forms T_F in coordinates where S is the identity: s_F = λ w_F,
-    λ a bound for the largest eigenvalue of Σ_F T_F / w_F, for the better weight w of two
-    (``mathematics.md``, "The sharp penalty"). List face h has the form ``forms[h - base]`` times
-    ``shares[k]``, with k counted from the first face of cell ``begin``; a face with
-    ``lengths[k]`` 0 needs no penalty.
+    There are at most ``LANES`` cells, and ``penalties (F, 2)`` receives the values. They satisfy Σ_F T_F /
+    s_F ≤ S, with the forms T_F in coordinates where S is the identity: s_F = λ w_F, λ a bound for the
+    largest eigenvalue of Σ_F T_F / w_F, for the better weight w of two (``mathematics.md``, "The sharp
+    penalty"). List face h has the form ``forms[h - base]`` times ``shares[k]``, with k counted from the
+    first face of cell ``begin``; a face with ``lengths[k]`` 0 needs no penalty.
     """
     first, second, inverse, lanes, scaled, traces, of_traces, uniform, balanced, whole = workspace
     start, last = offsets[begin], forms.shape[1] - 1

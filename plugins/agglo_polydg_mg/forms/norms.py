@@ -1,4 +1,4 @@
-"""Norms of functions and errors, including their face jumps."""
+"""Norms of discrete functions and of their errors, including the jumps on faces."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class EnergyNorm:
 
 
 def offset_of(basis: Basis, problem: Diffusion) -> Float:
-    """Return the :func:`~agglo_polydg_mg.forms.boundary.data_offset` of a problem ``(n_cells,)``."""
+    """Compute the :func:`~agglo_polydg_mg.forms.boundary.data_offset` ``(n_cells,)`` of a problem."""
     mesh, boundary = basis.mesh, boundary_faces(basis.mesh, problem)
     kappa = positive(mesh, problem.kappa)
     own = face_coefficients(mesh, kappa, boundary.dirichlet, basis.degree + 2)[:, 0]
@@ -101,7 +101,7 @@ def jumps(basis: Basis, x: Float, outside: Outside, kappa: Field, sigma: Float) 
 
 
 def _traces(basis: Basis, x: Float, cells: Int, points: Float) -> Float:
-    """Return the values ``(f, q)`` of the function in ``cells (f,)`` at ``points (f, q, d)``."""
+    """Evaluate the function with coefficients ``x`` in ``cells (f,)`` at ``points (f, q, d)``: ``(f, q)``."""
     values = basis.values(np.repeat(cells, points.shape[1]), points.reshape(-1, points.shape[2]))
     rows = np.repeat(basis.coefficients(x)[cells], points.shape[1], axis=0)
     return np.asarray(np.einsum("qk,qk->q", values, rows).reshape(points.shape[:2]))
@@ -131,7 +131,7 @@ def errors(
     penalty: Penalty = PAPER,
     chosen: Mask | None = None,
 ) -> Errors:
-    """Return the error of the function with coefficients ``x (n,)`` against ``problem.exact``.
+    """Compute the L2, H1 and DG norms of the error of a discrete function against ``problem.exact``.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ def face_penalty(mesh: Mesh, degree: int, constant: float = PAPER, natural: Int 
 
 
 def simplex_heights(mesh: Mesh, cells: Mask) -> Float:
-    """Return the heights ``(n_faces, 2)`` of the largest simplices on faces in some cells.
+    """Return the heights ``(n_faces, 2)`` of the largest simplices on each face inside its two cells.
 
     ``cells (n_cells,)`` selects the cells; heights in other cells are undefined.
 
@@ -86,7 +86,7 @@ def simplex_heights(mesh: Mesh, cells: Mask) -> Float:
 
 
 def triangle_heights(mesh: Mesh) -> Float:
-    """Return the height ``(n_faces, 2)`` over each face of the largest triangle in owner and neighbour.
+    """Return the heights ``(n_faces, 2)`` of the largest triangles on each edge inside its two cells.
 
     Its base is the face, its apex a cell vertex, and it lies in the cell. Infinite outside the domain and
     for faces with length 0; 0 if no vertex is visible from a face.

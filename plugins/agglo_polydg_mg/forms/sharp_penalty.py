@@ -80,9 +80,10 @@ def sharp_penalty(
 def _plane_requirements(
     basis: Basis, on_faces: Float, blocks: Float, penalised: np.ndarray
 ) -> tuple[Float, np.ndarray]:
-    """Return cell requirements for their faces ``(n_faces, 2)``, and a mask of resolved cells ``(n_cells,)``.
+    """Return the penalties ``(n_faces, 2)`` that cells require on their faces, by eigenvalues in 2-D.
 
-    Cells too thin for the eigenvalue problem are not resolved.
+    The second result is a mask of resolved cells ``(n_cells,)``. Cells too thin for the eigenvalue problem
+    are not resolved.
     """
     from agglo_polydg_mg.forms.trace_kernels import side_penalties
 
@@ -104,7 +105,7 @@ def _plane_requirements(
 def _by_simplices(
     basis: Basis, kappa: Field, on_faces: Float, penalised: np.ndarray, thin: np.ndarray
 ) -> Float:
-    """Return the requirements of ``thin`` cells ``(n_cells,)`` for their faces ``(n_faces, 2)``.
+    """Return the penalties ``(n_faces, 2)`` that ``thin`` cells ``(n_cells,)`` require on their faces.
 
     They come from simplices inside the cells. On a triangle T with height h over the face F, ‖q‖²_F <= p
     (p + 1) / h ‖q‖²_T for polynomials q with degree p − 1 (T. Warburton, J. Hesthaven, Comput. Methods
@@ -137,14 +138,14 @@ def _by_simplices(
 
 
 def _of_rows(mesh: Mesh, values: np.ndarray, rows: Float) -> np.ndarray:
-    """Return face values for each row of the coefficients, given per face or per piece."""
+    """Repeat face values to one per row of coefficients, of a face or of a triangle of a face."""
     if len(values) == len(rows):
         return values
     return np.repeat(values, np.diff(mesh.face_offsets) - mesh.dim + 1)
 
 
 def _largest_per_face(rows: Float, mesh: Mesh) -> Float:
-    """Return the largest value per face ``(n_faces,)`` from values per face or per piece."""
+    """Return the largest value on each face ``(n_faces,)``, from values per face or per triangle."""
     if len(rows) == mesh.n_faces:
         return rows
     starts = mesh.face_offsets[:-1] - (mesh.dim - 1) * np.arange(mesh.n_faces)
@@ -152,7 +153,7 @@ def _largest_per_face(rows: Float, mesh: Mesh) -> Float:
 
 
 def _least_kappa(mesh: Mesh, kappa: Field, degree: int) -> Float:
-    """Return the least κ of each cell ``(n_cells,)``, for a callable at its quadrature points."""
+    """Return the least κ of each cell ``(n_cells,)``, for a callable over the quadrature points."""
     if not callable(kappa):
         return np.broadcast_to(np.asarray(kappa, float), (mesh.n_cells,))
     least = np.full(mesh.n_cells, np.inf)

@@ -1,4 +1,4 @@
-"""Kernels for the sides of polyhedra: their list, and their matrix blocks.
+"""Compiled kernels for sides, the common boundaries of two polyhedra: their list and matrix blocks.
 
 On each side the polynomials of both cells are written in coordinate powers of one frame, a box around the
 side. All faces of the side contribute to the integrals of these powers, weighted by penalty and by normals;
@@ -15,7 +15,7 @@ from agglo_polydg_mg.space.legendre_kernels import CONSTANT, recurrences
 
 @kernel
 def sides_of_cells(offsets, faces, face_cells, normals):
-    """Group polyhedron faces into sides: arrays for :class:`~agglo_polydg_mg.forms.sides.Sides`.
+    """Group the faces of polyhedra into :class:`~agglo_polydg_mg.forms.sides.Sides`, by neighbour.
 
     Cell c has the faces ``faces[offsets[c]:offsets[c + 1]]``; ``normals (F, 3)`` point outward from the
     owner.
@@ -75,7 +75,7 @@ def _members(groups, count):
 
 @helper(allocates=True)
 def _sides_by_cells(cells, n):
-    """Return the sides of each cell, as offsets ``(n + 1,)`` and sides, by counting sort."""
+    """List the sides of each cell: offsets ``(n + 1,)`` and sides, by counting sort."""
     ends = np.zeros(n + 1, np.int64)
     for s in range(len(cells)):
         for k in range(2):
@@ -111,9 +111,10 @@ def _frame(owner, neighbour, boxes, frame):
 
 @helper
 def _in_powers(box, scale, frame, table, powers, terms, lines, coefficients):
-    """Write the coefficients T ``(t,)`` of cell polynomials in frame powers ξ, at the ``terms``.
+    """Expand the cell polynomials in monomials of the frame coordinates ξ: coefficients T ``(t,)``.
 
-    T is a sparse matrix: a polynomial with degrees (i, j, k) only has powers up to these along each axis.
+    T is a sparse matrix with entries at ``terms``: a polynomial with degrees (i, j, k) only has powers up
+    to these along each axis.
     """
     degree = table.shape[1]
     # 1. Along each axis x̂ = at + stretch ξ. Row k of ``line`` has the coefficients of L_k(x̂) in powers of
@@ -205,7 +206,7 @@ def _add_face(
 
 @helper
 def _gradients(normal, frame, lowered, powers, gradients):
-    """Write ``gradients[a, b]`` = ∫ γ/2 ξ^a ∂ξ^b/∂n, from the integrals with normals."""
+    """Compute ``gradients[a, b]`` = ∫ γ/2 ξ^a ∂ξ^b/∂n from the moments ∫ γ/2 n ξ^α in ``normal``."""
     # ∂ξ^b/∂x_d = b_d / (half side) ξ^(b − e_d); lowered is the index of ξ^(a + b − e_d).
     for a in range(len(gradients)):
         for b in range(len(gradients)):
@@ -218,7 +219,7 @@ def _gradients(normal, frame, lowered, powers, gradients):
 
 @helper
 def _transform_form(form, L, R, terms, workspace, product):
-    """Write (L form Rᵀ)ᵀ to ``product``, from the entries of L and R at ``terms``.
+    """Compute (L form Rᵀ)ᵀ for sparse matrices L and R with entries at ``terms``.
 
     Both products add rows to rows, with L form transposed between them, so that all loops run along rows.
     """
@@ -243,7 +244,7 @@ def _transform_form(form, L, R, terms, workspace, product):
 
 @helper
 def _add_own(form, gradients, sign, sums, T, terms, workspace, block):
-    """Add the form of a side on one cell's polynomials to its block, which stays symmetric.
+    """Add the bilinear form of a side, restricted to one cell, to the diagonal block of this cell.
 
     ``form`` contains the integrals of γσ ξ^powers; ``sign`` applies to the cell's values in the jump.
     """

@@ -1,4 +1,4 @@
-"""Side contributions of polyhedra to the matrix and to the penalty."""
+"""Contributions of the sides of polyhedra to the matrix and to the penalty."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _FEW = 2_000  # minimum cells per thread: one thread takes some milliseconds for
 
 
 def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: Float, blocks: Float) -> None:
-    """Add the contributions of ``sides (k,)`` to the ``blocks`` in the rows of ``mine`` cells.
+    """Add the bilinear forms of ``sides (k,)`` to the matrix ``blocks`` in the rows of ``mine`` cells.
 
     ``sigma (n_faces,)`` is the penalty, ``on_faces`` the
     :func:`~agglo_polydg_mg.forms.face_quadrature.face_coefficients` for all faces.
@@ -31,9 +31,10 @@ def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: Floa
 
 
 def solid_requirements(basis: Basis, on_faces: Float, blocks: Float, held: Mask) -> tuple[Float, Mask]:
-    """Return cell requirements for the ``held`` faces ``(n_faces, 2)``, and a mask of resolved cells.
+    """Return the penalties ``(n_faces, 2)`` that polyhedra require on the ``held`` faces.
 
-    As in 2-D, with sides instead of faces: all faces of a side have its penalty.
+    The second result is a mask of cells that are not too thin for the eigenvalue problem. As in 2-D, with
+    sides instead of faces: all faces of a side have its penalty.
     """
     from agglo_polydg_mg.forms.side_trace_kernels import solid_penalties
 
@@ -74,6 +75,6 @@ def solid_requirements(basis: Basis, on_faces: Float, blocks: Float, held: Mask)
 
 
 def _rule(n: int, on_faces: Float) -> tuple[Float, Float]:
-    """Return points and weights on triangles: the coefficient's points, or n in each direction."""
+    """Return a quadrature rule on triangles, at the points where κ is sampled, or with n per direction."""
     count = on_faces.shape[2]
     return simplex_rule(2, n if count == 1 else round(np.sqrt(count)))

@@ -1,4 +1,4 @@
-"""Kernel for the sharp penalty in 3-D: the trace inverse inequality per cell, side by side."""
+"""Kernel for the sharp penalty in 3-D: the trace inverse inequality of each cell on each of its sides."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from agglo_polydg_mg.space.legendre_kernels import LANES, legendre_at, recurrenc
 
 @helper
 def _slopes_at(values, table, slopes):
-    """Write the derivatives of Legendre polynomials to ``slopes`` from their ``values``."""
+    """Compute the derivatives of Legendre polynomials, ``slopes``, from their ``values``."""
     before, slope = 0.0, 0.0
     slopes[0] = 0.0
     for k in range(table.shape[1]):
@@ -22,7 +22,7 @@ def _slopes_at(values, table, slopes):
 
 @helper
 def _normal_slopes(x, y, z, normal, table, lines, orders, slopes):
-    """Write the derivatives along ``normal`` of all nonconstant polynomials at a box point.
+    """Compute the derivatives along ``normal`` of all nonconstant polynomials at a point of the box.
 
     ``normal (3,)`` are the coefficients of ∂/∂x̂, ∂/∂ŷ, ∂/∂ẑ; the result is ``slopes[0]``.
     """
@@ -42,7 +42,7 @@ def _normal_slopes(x, y, z, normal, table, lines, orders, slopes):
 
 @helper
 def _add_form(slopes, mass, n, form):
-    """Add mass y yᵀ with y = slopes[0] to a form: lower half, row by row, and trace."""
+    """Add ``mass`` y yᵀ, with y = slopes[0], to a matrix stored as its lower half and trace."""
     place, last = 0, len(form) - 1
     for i in range(n):
         value = mass * slopes[0, i]
@@ -57,10 +57,11 @@ def _trace_face(
     points, face_offsets, face_vertices, f, vector, side, outer, kappa, rule, weights, orders, box, scale,
     factor, workspace, form,
 ):  # fmt: skip
-    """Add L⁻¹ T_F L⁻ᵀ of a face to a side's form, and return the face area.
+    """Add the matrix L⁻¹ T_F L⁻ᵀ of a face to that of its side, and return the face area.
 
-    L is the Cholesky ``factor`` of the cell stiffness; the face is a fan of triangles about its first
-    vertex, ``vector (3,)`` its normal outward from the owner.
+    T_F is ∫_F c ∂v/∂n ∂w/∂n, as in ``side_penalties`` of ``trace_kernels``. L is the Cholesky ``factor`` of
+    the cell stiffness; the face is a fan of triangles about its first vertex, ``vector (3,)`` its normal
+    outward from the owner.
     """
     table, lines, slopes, normal = workspace[0], workspace[1], workspace[2], workspace[3]
     first, area, n = face_offsets[f], 0.0, len(orders) - 1
@@ -106,7 +107,7 @@ def solid_penalties(
     points, face_offsets, face_vertices, face_cells, vectors, side_offsets, side_faces, side_cells, offsets,
     cell_sides, first_cell, boxes, scale, fill, blocks, penalised, kappa, rule, weights, orders, penalties,
 ):  # fmt: skip
-    """Write the required side penalties s, in cells from ``first_cell`` on, to ``penalties (S, 2)``.
+    """Compute the ``penalties (S, 2)`` that cells from ``first_cell`` on require on their sides.
 
     As in ``side_penalties`` of ``trace_kernels``, but all faces of a side have one s; only ``penalised``
     faces count. ``kappa`` is the coefficient on both sides, per face ``(F, 2, 1)`` or per triangle point

@@ -15,7 +15,7 @@ from agglo_core.authoring import Int, Mesh, frozen_int
 
 
 class Sides(NamedTuple):
-    """Cell sides in a 3-D mesh, grouped by cell.
+    """Sides of the cells in a 3-D mesh, each the faces shared with one neighbour.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Sides(NamedTuple):
 
 
 def sides_of(mesh: Mesh) -> Sides:
-    """Return the sides of a 3-D mesh.
+    """Group the faces of a 3-D mesh into sides, one per pair of neighbours.
 
     At the boundary a cell has one side per main direction of its face normals.
 

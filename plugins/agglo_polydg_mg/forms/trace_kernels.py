@@ -1,4 +1,4 @@
-"""Kernels for the sharp penalty in 2-D: the trace inverse inequality per cell.
+"""Kernels for the sharp penalty in 2-D: the trace inverse inequality of each cell.
 
 They compute it directly for any κ, or in two steps if κ is constant in each cell: the geometric part is
 kept, and scaled by each κ.
@@ -20,7 +20,7 @@ RESOLVED = 1e-10
 
 @helper
 def _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q):
-    """Write normal derivatives of all nonconstant polynomials at a box point to ``slopes[q]``.
+    """Write normal derivatives of all nonconstant polynomials at a point of the box to ``slopes[q]``.
 
     ``along_x`` and ``along_y`` are the coefficients of ∂/∂x̂ and ∂/∂ŷ; ``lines (4, degree + 1)`` is
     workspace for the polynomials in x̂ and ŷ, then their derivatives.
@@ -44,7 +44,7 @@ def _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q):
 
 @helper
 def _face_form(slopes, masses, n, forms, face):
-    """Write Σ_q masses[q] y yᵀ with y = slopes[q] to ``forms[face]``: lower half, row by row, and trace."""
+    """Write Σ_q masses[q] y yᵀ, with y = slopes[q], to ``forms[face]`` as its lower half and trace."""
     trace, place = 0.0, 0
     for i in range(n):
         for j in range(i + 1):
@@ -59,7 +59,7 @@ def _face_form(slopes, masses, n, forms, face):
 
 @helper(allocates=True)
 def _trace_workspace(rules, degree, n):
-    """Return the workspace of :func:`_trace`, and its polynomial recurrences."""
+    """Allocate the workspace of :func:`_trace`, with its polynomial recurrences."""
     return (
         recurrences(degree), np.empty((4, degree + 1)), np.empty((rules, n)), np.empty(rules),
         np.empty((n, n)),
@@ -71,11 +71,11 @@ def _trace(
     points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, penalised, boxes, scale, fill,
     blocks, kappa, nodes, weights, n, workspace, forms, base, lengths, resolved,
 ):  # fmt: skip
-    """Write the form of each face h in cells ``begin`` to ``end`` to ``forms[h - base]``.
+    """Compute the matrix of the trace inequality on each face h of the cells ``begin`` to ``end``.
 
-    It is L⁻¹ T_F L⁻ᵀ with the Cholesky factor L of the stiffness S without the constant, for which T_F is
-    0. ``lengths`` receives the face lengths, counted from the first of these cells; 0 for faces without
-    form.
+    The result is ``forms[h - base]``. It is L⁻¹ T_F L⁻ᵀ with the Cholesky factor L of the stiffness S
+    without the constant, for which T_F is 0. ``lengths`` receives the face lengths, counted from the first
+    of these cells; 0 for faces without form.
     """
     table, lines, slopes, masses, factor = workspace
     start = offsets[begin]
@@ -123,13 +123,14 @@ def side_penalties(
     points, offsets, faces, face_vertices, face_cells, first_cell, penalised, boxes, scale, fill, blocks,
     kappa, nodes, weights, degree, penalties,
 ):  # fmt: skip
-    """Write the required face penalties s, in cells from ``first_cell`` on, to ``penalties (F, 2)``.
+    """Compute the ``penalties (F, 2)`` that cells from ``first_cell`` on require on their faces.
 
     With S the stiffness ``blocks (n, m, m)`` without the constant and T_F = ∫_F c ∂v/∂n ∂w/∂n, c = ωκ/2
-    inside and κ at the boundary, ω the cell's weight in the average: Σ_F T_F / s_F <= S. The result
-    ``(n,)`` is False for cells whose S is singular to rounding: they require nothing. Only ``penalised``
-    faces have a penalty. ``fill (n,)`` is the fraction of its bounding box that a cell fills;
-    ``kappa (F, 2, 1 or q)`` the coefficient on both sides, ``nodes`` and ``weights (q,)`` a Gauss rule.
+    inside and κ at the boundary, ω the cell's weight in the average, the penalties s_F satisfy Σ_F T_F /
+    s_F <= S. The result ``(n,)`` is False for cells whose S is singular to rounding: they require nothing.
+    Only ``penalised`` faces have a penalty. ``fill (n,)`` is the fraction of its bounding box that a cell
+    fills; ``kappa (F, 2, 1 or q)`` the coefficient on both sides, ``nodes`` and ``weights (q,)`` a Gauss
+    rule.
     """
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
     resolved, forms = np.ones(n_cells, np.bool_), np.zeros((most, (n * (n + 1)) // 2 + 1))
@@ -154,8 +155,9 @@ def whitened_forms(
     points, offsets, faces, face_vertices, face_cells, first_cell, penalised, boxes, scale, fill, blocks,
     kappa, nodes, weights, degree, forms,
 ):  # fmt: skip
-    """Write the forms of :func:`side_penalties` to ``forms (h, k)``, and return the resolved mask.
+    """Compute the matrices T_F of :func:`side_penalties` in bases orthonormal in the cell stiffness.
 
+    The result is the mask of cells whose stiffness is not singular to rounding. ``forms (h, k)`` receives
     T_F of each list face h, whitened by the stiffness: the lower half, row by row, and its trace.
     """
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
@@ -177,7 +179,7 @@ def whitened_forms(
 def scaled_penalties(
     offsets, faces, face_cells, first_cell, penalised, face_lengths, kappa, forms, resolved, degree, penalties
 ):  # fmt: skip
-    """Write the penalties of :func:`side_penalties` for ``kappa (n,)``, from :func:`whitened_forms`.
+    """Compute the ``penalties`` of :func:`side_penalties` for ``kappa (n,)``, scaling :func:`whitened_forms`.
 
     ``forms`` and ``resolved`` cover all cells, for c = κ = 1. As S is proportional to κ, the whitened form
     of a face is scaled by c / κ: (1/2) κ' / (κ + κ') inside, 1 at the boundary.

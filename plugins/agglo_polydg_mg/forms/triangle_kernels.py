@@ -39,7 +39,10 @@ def _reaches(sx, sy, tx, ty, ax, ay, bx, by, vx, vy):
 
 @helper
 def _is_convex(start, end, m):
-    """Return True if each of the m edges has every vertex on its left, up to rounding."""
+    """Return True if a polygon is convex: each of its m edges has every vertex on its left.
+
+    Rounding errors are tolerated.
+    """
     for k in range(m):
         ax, ay = start[k, 0], start[k, 1]
         ex, ey = end[k, 0] - ax, end[k, 1] - ay
@@ -56,7 +59,7 @@ def _is_convex(start, end, m):
 
 @helper
 def _visible_height(start, end, m, k, convex, queue):
-    """Return the height of the largest triangle on edge k with a vertex as apex and no edge inside.
+    """Return the height of the largest triangle on edge k inside the cell, with a cell vertex as apex.
 
     ``queue (m,)`` is the order of edge tests: an edge that hides a vertex moves to the front, as it is
     likely to hide more. Returns 0 if no vertex is visible.
@@ -88,7 +91,7 @@ def _visible_height(start, end, m, k, convex, queue):
 
 @kernel
 def largest_triangles(points, offsets, faces, face_vertices, face_cells, first_cell, heights):
-    """Write the height over each face of the largest triangle, in cells from ``first_cell`` on.
+    """Compute the height of the largest triangle on each face inside the cells from ``first_cell`` on.
 
     Its base is the face, its apex a cell vertex, and it lies in the cell. ``heights (F, 2)`` are for owner
     and neighbour, 0 if no vertex is visible; heights of faces with length 0 are left unchanged.

@@ -1,4 +1,4 @@
-"""Matrix parts for κ = 1, which a coefficient only scales, kept between problems."""
+"""Matrix parts for κ = 1, kept between problems: a coefficient constant in each cell only scales them."""
 
 from __future__ import annotations
 
@@ -44,7 +44,10 @@ class UnitForms:
 
     @cached_property
     def faces(self) -> Float:
-        """Face blocks ``(n_faces, 2, m (2 m + 1))``, see ``unit_faces`` in ``face_kernels``."""
+        """Bilinear forms of faces for κ = 1 ``(n_faces, 2, m (2 m + 1))``.
+
+        See ``unit_faces`` in ``face_kernels``.
+        """
         from agglo_polydg_mg.forms.face_kernels import unit_faces
 
         basis, mesh = self.basis, self.basis.mesh
@@ -60,7 +63,10 @@ class UnitForms:
 
     @cached_property
     def _whitened(self) -> tuple[Float, np.ndarray]:
-        """Normal derivative forms, and a mask of resolved cells ``(n_cells,)``: see ``whitened_forms``."""
+        """Normal derivative forms for κ = 1, and a mask of cells that are not too thin ``(n_cells,)``.
+
+        See ``whitened_forms`` in ``trace_kernels``.
+        """
         from agglo_polydg_mg.forms.trace_kernels import whitened_forms
 
         basis, mesh, m = self.basis, self.basis.mesh, self.basis.n_local
@@ -87,9 +93,10 @@ class UnitForms:
         return frozen_float(forms), resolved
 
     def asked(self, kappa: Field, held: np.ndarray) -> tuple[Float, np.ndarray]:
-        """Return cell requirements for the ``held`` faces with κ ``(n_cells,)``, and a resolved mask.
+        """Return the penalties that cells require on ``held`` faces for κ ``(n_cells,)``, and a mask.
 
-        Their shapes are ``(n_faces, 2)`` and ``(n_cells,)``; see ``side_penalties`` in ``trace_kernels``.
+        The mask is True for cells that are not too thin for the eigenvalue problem. The shapes are
+        ``(n_faces, 2)`` and ``(n_cells,)``; see ``side_penalties`` in ``trace_kernels``.
         """
         from agglo_polydg_mg.forms.trace_kernels import scaled_penalties
 
