@@ -1,1 +1,1 @@
-"""The discontinuous space: basis, quadrature, sampling."""
+"""The discontinuous polynomial space: basis, quadrature, evaluation."""

@@ -38,7 +38,7 @@ on thin cells, a larger value rotates more boxes (benchmarks/solve.py --meshes r
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Discontinuous polynomials on the cells of a mesh.
+    """Basis of the discontinuous polynomials on the cells of a mesh.
 
     Cell c has the unknowns ``c * n_local … (c + 1) * n_local``.
 
@@ -94,7 +94,7 @@ class Basis:
 
     @property
     def centres(self) -> Float:
-        """Box centres ``(n_cells, d)``, from the mesh origin."""
+        """Box centres ``(n_cells, d)``, relative to the mesh origin."""
         return self.boxes[:, : self.mesh.dim]
 
     @property
@@ -104,23 +104,23 @@ class Basis:
 
     @cached_property
     def scale(self) -> Float:
-        """Polynomial factor of each cell ``(n_cells,)``: 1 unless ``scaled``."""
+        """Factor of the polynomials in each cell ``(n_cells,)``: 1 unless ``scaled``."""
         quarter = self.halves.prod(axis=1)
         return frozen_float(1 / np.sqrt(quarter) if self.scaled else np.ones(len(quarter)))
 
     @property
     def fill(self) -> Float:
-        """Box fraction filled by each cell ``(n_cells,)``."""
+        """Fraction of its bounding box that each cell fills ``(n_cells,)``."""
         return frozen_float(self.mesh.cell_measures / (2.0**self.mesh.dim * self.halves.prod(axis=1)))
 
     @cached_property
     def across(self) -> Int:
-        """Cells from left to right ``(n_cells,)``: a slice is a strip of the mesh."""
+        """Cells sorted from left to right ``(n_cells,)``, so that a slice is a strip of the mesh."""
         return frozen_int(np.argsort(self.mesh.local_centroids[:, 0]))
 
     @cached_property
     def pattern(self) -> tuple[Int, Int, Int, Int]:
-        """Block rows of a matrix that couples neighbours, see ``block_pattern`` in ``face_kernels``."""
+        """Block sparsity of a matrix that couples neighbours, see ``block_pattern`` in ``face_kernels``."""
         from agglo_polydg_mg.forms.face_kernels import block_pattern
 
         if self.mesh.dim == 3:
@@ -132,7 +132,7 @@ class Basis:
 
     @cached_property
     def sides(self) -> Sides:
-        """Cell sides in a 3-D mesh: one per neighbour pair, however many faces it has."""
+        """Cell sides in a 3-D mesh: one per pair of neighbours, however many faces they share."""
         return sides_of(self.mesh)
 
     @cached_property
@@ -142,14 +142,14 @@ class Basis:
 
     @cached_property
     def _integrals(self) -> Float:
-        """Integrals of the polynomials for source and stiffness, from :func:`moments`."""
+        """Integrals of the polynomials for source and stiffness terms, from :func:`moments`."""
         return frozen_float(moments(self.mesh, self.boxes, max(self.degree, 2 * self.degree - 2), self.walk))
 
     def weighted_moments(self, field: Field, degree: int, name: str) -> Float:
-        """Return the :func:`~agglo_polydg_mg.space.quadrature.weighted_moments` in the boxes.
+        """Integrate a field times the polynomials of each cell, up to a degree.
 
-        Integrals for numbers and cell values are cached. The degree is at most that of the basis or
-        a product of two gradients.
+        See :func:`~agglo_polydg_mg.space.quadrature.weighted_moments`. Integrals for numbers and cell
+        values are cached. The degree is at most that of the basis or a product of two gradients.
         """
         if callable(field):
             return weighted_moments(self.mesh, field, self.boxes, degree, name)
@@ -159,12 +159,15 @@ class Basis:
         return np.asarray(self._integrals[:, :count] * values[:, None])
 
     def values(self, cells: Int, points: Float) -> Float:
-        """Evaluate polynomials ``(q, n_local)`` in ``cells (q,)`` at ``points (q, d)`` from the origin."""
+        """Evaluate the basis functions ``(q, n_local)`` of ``cells (q,)`` at ``points (q, d)``.
+
+        Points are relative to the mesh origin.
+        """
         lines = [legendre(x, self.degree) for x in self._inside(cells, points)]
         return np.asarray((self._products(lines) * self.scale[cells]).T)
 
     def gradients(self, cells: Int, points: Float) -> Float:
-        """Evaluate the polynomial gradients ``(q, d, n_local)``."""
+        """Evaluate the gradients ``(q, d, n_local)`` of the basis functions of ``cells (q,)`` at points."""
         lines = [legendre(x, self.degree) for x in self._inside(cells, points)]
         steep = [
             self._products([slopes(line) if at == axis else line for at, line in enumerate(lines)])
@@ -177,14 +180,14 @@ class Basis:
         return np.transpose(values, (2, 0, 1))
 
     def _products(self, lines: list[Float]) -> Float:
-        """Return the products ``(n_local, q)`` of polynomials ``(degree + 1, q)`` along each axis."""
+        """Multiply polynomials ``(degree + 1, q)`` along the axes to basis functions ``(n_local, q)``."""
         first, *rest = (line[own] for line, own in zip(lines, orders(self.degree, len(lines)).T, strict=True))
         for each in rest:
             first = first * each
         return first
 
     def _inside(self, cells: Int, points: Float) -> Float:
-        """Return the point coordinates ``(d, q)`` in the cell boxes, −1..1 inside."""
+        """Map points to coordinates ``(d, q)`` in the boxes of their cells, −1..1 inside."""
         if self.mesh.dim == 3:
             return np.asarray(((points - self.centres[cells]) / self.halves[cells]).T)
         box = self.boxes[cells]
@@ -192,7 +195,7 @@ class Basis:
         return np.stack((c * x + s * y, c * y - s * x)) / box[:, 2:4].T
 
     def evaluate(self, x: Float, cells: Int, points: Float) -> Float:
-        """Evaluate the function with coefficients ``x (n,)``, each point in its cell.
+        """Evaluate the function with coefficients ``x (n,)`` at points whose cells are known.
 
         Returns values ``(q,)``; ``cells (q,)`` and ``points (q, d)`` are paired. Points are in user
         coordinates, and need not lie in the cells.
@@ -207,7 +210,7 @@ class Basis:
         return np.reshape(x, (-1, self.n_local))
 
     def constants(self, values: Float) -> Float:
-        """Return the coefficients ``(n,)`` of the function with constant ``values (n_cells,)`` per cell."""
+        """Return the coefficients ``(n,)`` of the piecewise constant function with ``values (n_cells,)``."""
         x = np.zeros((self.mesh.n_cells, self.n_local))
         x[:, 0] = 2.0 ** (0.5 * self.mesh.dim) * values / self.scale  # L₀ = √½
         return frozen_float(x.ravel())
@@ -232,7 +235,7 @@ class Basis:
 
 
 def stiffness(basis: Basis, kappa: Field) -> Float:
-    """Return ∫ κ∇φ_i·∇φ_j of each cell ``(n_cells, n_local, n_local)``."""
+    """Return the stiffness matrix ∫ κ∇φ_i·∇φ_j of each cell ``(n_cells, n_local, n_local)``."""
     integrals = basis.weighted_moments(kappa, 2 * basis.degree - 2, "kappa")
     integrals *= (basis.scale**2)[:, None]
     along = [integrals / half[:, None] ** 2 for half in basis.halves.T]
@@ -247,6 +250,6 @@ def block_diagonal(blocks: Float) -> sparse.bsr_array:
 
 
 def one_per_row(blocks: Float, columns: Int, shape: tuple[int, int]) -> sparse.bsr_array:
-    """Return a matrix with one block ``(n, m, w)`` per block row, in ``columns (n,)``."""
+    """Return a block matrix with one of the blocks ``(n, m, w)`` in each row, in ``columns (n,)``."""
     indptr = np.arange(len(blocks) + 1, dtype=np.int32)
     return sparse.bsr_array((blocks, np.asarray(columns, np.int32), indptr), shape=shape)

@@ -11,7 +11,7 @@ from agglo_core.authoring import Float, frozen_float
 
 @cache
 def gauss(n: int) -> tuple[Float, Float]:
-    """Return nodes and weights ``(n,)`` on [−1, 1], exact up to degree 2n − 1."""
+    """Return Gauss nodes and weights ``(n,)`` on [−1, 1], exact up to degree 2n − 1."""
     nodes, weights = np.polynomial.legendre.leggauss(n)
     return frozen_float(nodes), frozen_float(weights)
 

@@ -1,4 +1,4 @@
-"""Legendre polynomials in kernels, and polynomial integrals over cells.
+"""Compiled kernels for Legendre polynomials and for polynomial integrals over polygons.
 
 Polynomials are products L_i(x̂) L_j(ŷ) of orthonormal Legendre polynomials on a cell's bounding box. A
 box consists of its centre, its half sides and the direction of the first (cx, cy, hx, hy, c, s).
@@ -61,13 +61,13 @@ def slopes_of(values, degree, table, slopes):
 
 @helper
 def along_box(x, y, box):
-    """Return vector components along the sides of a box."""
+    """Return the components of a vector along the sides of a box."""
     return box[4] * x + box[5] * y, box[4] * y - box[5] * x
 
 
 @helper
 def _fit_box(points, first, last, faces, face_vertices, box):
-    """Write centre and half sides of a cell's bounding box in the direction of ``box``.
+    """Fit the bounding box of a cell in the direction of ``box``: write its centre and half sides.
 
     The cell has the faces ``faces[first:last]``.
     """
@@ -84,7 +84,7 @@ def _fit_box(points, first, last, faces, face_vertices, box):
 
 @kernel
 def bounding_boxes(points, offsets, faces, face_vertices, areas, least):
-    """Return the bounding box ``(n, 6)`` of each cell.
+    """Return the bounding box ``(n, 6)`` of each cell, rotated for some thin cells.
 
     Sides are parallel to the axes unless the cell fills less than the fraction ``least`` of that box: then
     they follow the face with the smallest box, if it is less than half as large. On a diagonal sliver the
@@ -120,7 +120,7 @@ def bounding_boxes(points, offsets, faces, face_vertices, areas, least):
 def boundary_moments(
     points, offsets, faces, face_vertices, face_cells, first_cell, boxes, nodes, weights, degree
 ):  # fmt: skip
-    """Return the polynomial integrals ``(n, m)`` up to a degree over cells from ``first_cell`` on.
+    """Integrate polynomials up to a degree over the cells from ``first_cell`` on: ``(n, m)``.
 
     By the divergence theorem, ∫_K L_i(x̂) L_j(ŷ) = ∮ X_i(x̂) L_j(ŷ) dy with the antiderivative X_i of L_i
     in x, exactly for any cell shape; ``nodes`` must integrate degree + 1 on [−1, 1].
@@ -163,7 +163,7 @@ def boundary_moments(
 
 @kernel
 def point_moments(points, values, offsets, boxes, degree):
-    """Return the sums ``(n, m)`` of values times polynomials over each cell's points.
+    """Sum values times polynomials over the points of each cell: ``(n, m)``.
 
     Cell c has the points ``offsets[c]:offsets[c + 1]``.
     """

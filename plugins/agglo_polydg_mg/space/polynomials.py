@@ -1,4 +1,4 @@
-"""Polynomials in several variables: Legendre products, by total degree."""
+"""Polynomials in two and three variables: products of Legendre polynomials, by total degree."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_polydg_mg.space.gauss_points import gauss
 
 
 def n_polynomials(degree: int, dim: int = 2) -> int:
-    """Return the number of polynomials up to a total degree: 3 in 2-D and 4 in 3-D for degree 1."""
+    """Return the dimension of the polynomials of a total degree: 3 in 2-D, 4 in 3-D for degree 1."""
     return comb(degree + dim, dim)
 
 
@@ -40,7 +40,7 @@ def legendre(x: Float, degree: int) -> Float:
 
 
 def slopes(values: Float) -> Float:
-    """Return the derivatives of the polynomials ``values (degree + 1, q)``.
+    """Return the derivatives of Legendre polynomials from their ``values (degree + 1, q)``.
 
     Uses P'_{k+1} = P'_{k−1} + (2k + 1) P_k.
     """
@@ -52,7 +52,7 @@ def slopes(values: Float) -> Float:
 
 
 def products(integrals: list[Float], degree: int, derivatives: list[tuple[int, ...]]) -> Float:
-    """Return the integrals ``(n, m, m)`` of products of polynomial derivatives, summed over a list.
+    """Return the integrals ``(n, m, m)`` of products of two polynomial derivatives, summed over a list.
 
     A product of two Legendre polynomials is a sum of Legendre polynomials, so the only cell data are the
     integrals ``(n, k)`` of polynomials up to the product degree. Each array in the list is paired with one
@@ -73,7 +73,7 @@ def products(integrals: list[Float], degree: int, derivatives: list[tuple[int, .
 
 
 def _degree_of(count: int, dim: int) -> int:
-    """Return the degree with ``count`` polynomials."""
+    """Return the total degree of a space of ``count`` polynomials."""
     return next(degree for degree in range(count) if n_polynomials(degree, dim) >= count)
 
 
@@ -120,7 +120,7 @@ class Monomials(NamedTuple):
 
 @cache
 def monomials(degree: int) -> Monomials:
-    """Return the tables of a degree, in the order of :func:`orders`."""
+    """Build the monomials up to a degree and their index tables, in the order of :func:`orders`."""
     powers, low_powers = orders(2 * degree, 3), orders(degree, 3)
     number = {tuple(power): k for k, power in enumerate(powers.tolist())}
     sum_powers = low_powers[:, None] + low_powers[None]

@@ -1,4 +1,4 @@
-"""Quadrature on the triangles or tetrahedra of cells, and exact moments."""
+"""Quadrature on the triangles or tetrahedra of cells, and exact polynomial moments."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def triangulate(mesh: Mesh) -> tuple[Int, Float]:
 
 
 def _fans(mesh: Mesh) -> tuple[Int, Float, np.ndarray]:
-    """Return fans from each first cell vertex: cells, corners, and a mask of fitting cells ``(n,)``."""
+    """Cut cells into fans of triangles from a vertex: cells, corners, and a mask of cells cut ``(n,)``."""
     cell_loops, loop_offsets, vertices = mesh.boundary_loops
     simple = np.diff(cell_loops) == 1
     loop = cell_loops[:-1][simple]
@@ -108,7 +108,7 @@ class Batch(NamedTuple):
 
 
 def moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None = None) -> Float:
-    """Integrate polynomials up to a degree over each cell ``(n, m)``, exactly for any shape.
+    """Integrate polynomials up to a degree over each cell: ``(n, m)``, exact for any shape.
 
     In 3-D cells may be visited in the order of a ``walk``.
     """
@@ -147,7 +147,7 @@ def _solid_moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None) -> 
 
 
 def weighted_moments(mesh: Mesh, field: Field, boxes: Float, degree: int, name: str) -> Float:
-    """Integrate a field times polynomials up to a degree ``(n, m)``.
+    """Integrate a field times polynomials up to a degree over each cell: ``(n, m)``.
 
     Numbers and cell values are integrated exactly; a callable is sampled inside the cells, at points exact
     up to degree + 5.
@@ -175,7 +175,7 @@ def weighted_moments(mesh: Mesh, field: Field, boxes: Float, degree: int, name: 
 
 
 def _at_points(points: Float, values: Float, ends: Int, boxes: Float, degree: int) -> Float:
-    """Return the sums ``(n, m)`` of values times polynomials over each cell's points."""
+    """Sum values times polynomials over the points of each cell: ``(n, m)``."""
     if points.shape[1] == 3:
         from agglo_polydg_mg.space.solid_kernels import solid_point_moments
 
@@ -190,7 +190,7 @@ def _zeros(mesh: Mesh, degree: int) -> Float:
 
 
 def per_cell(field: float | Float, n: int, name: str) -> Float:
-    """Return a number or ``(n,)`` values as ``(n,)`` values.
+    """Convert a number or an array of cell values to finite cell values ``(n,)``.
 
     Raises
     ------
@@ -271,7 +271,7 @@ def inside(mesh: Mesh, degree: int) -> Iterator[Batch]:
 
 
 def _determinants(edges: Float) -> Float:
-    """Return the determinants ``(t,)`` of simplex edges ``(t, d, d)`` from the first corner."""
+    """Return the determinants ``(t,)`` of the edges ``(t, d, d)`` from the first corner of each simplex."""
     u, v = edges[:, 0], edges[:, 1]
     if edges.shape[1] == 2:
         return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]

@@ -16,7 +16,7 @@ _INVERTED = -1e-12  # determinant relative to the cell volume: smaller in magnit
 
 
 def samples_of(basis: Basis, x: Float) -> Samples:
-    """Sample the function with coefficients ``x (n,)``.
+    """Sample the function with coefficients ``x (n,)`` at points in every cell, for pictures.
 
     Every cell is cut into simplices, and each simplex into pᵈ smaller simplices.
 
@@ -84,9 +84,9 @@ _INSIDE = 0.01
 
 
 def cells_that_hold(mesh: Mesh, points: Float) -> Int:
-    """Return the cell for each row of ``points (q, 3)`` from the origin, −1 outside.
+    """Find the polyhedron that contains each of ``points (q, 3)``, −1 outside the mesh.
 
-    If several cells contain a point, the lowest number counts.
+    Points are relative to the mesh origin. If several cells contain a point, the lowest number counts.
     """
     # 1. Candidate cells by bounding boxes
     candidates, cells = _in_boxes(mesh, points)
@@ -121,7 +121,7 @@ def _in_boxes(mesh: Mesh, points: Float) -> tuple[Int, Int]:
 
 
 def _winding_numbers(mesh: Mesh, points: Float, cells: Int) -> Float:
-    """Return the winding number of each cell's surface around a point ``(m,)``.
+    """Return the winding number of the surface of each cell around a point ``(m,)``.
 
     It is 1 inside, 0 outside and 1/2 on faces: the sum of the triangles' solid angles (A. van Oosterom, J.
     Strackee, IEEE Trans. Biomed. Eng. 30, 1983).
@@ -170,7 +170,7 @@ def evaluate(basis: Basis, x: Float, points: ArrayLike) -> Float:
 
 
 def locate(mesh: Mesh, points: ArrayLike) -> Int:
-    """Return the cell of each point ``(q,)``: the lowest that contains it, −1 outside the mesh.
+    """Find the cell ``(q,)`` that contains each point, the first of several, −1 outside the mesh.
 
     Raises
     ------

@@ -10,7 +10,7 @@ _FEW = 10_000  # minimum cells per thread: one thread takes some milliseconds fo
 
 
 def boxes_of_solids(mesh: Mesh) -> Float:
-    """Return the cell bounding boxes ``(n_cells, 6)``: centre from the mesh origin, half sides."""
+    """Return the bounding boxes of polyhedra ``(n_cells, 6)``: centre from the mesh origin, half sides."""
     offsets, vertices = mesh.cell_vertices
     corners = mesh.local_points.take(vertices, axis=0)
     low, high = (each.reduceat(corners, offsets[:-1]) for each in (np.minimum, np.maximum))
@@ -18,7 +18,7 @@ def boxes_of_solids(mesh: Mesh) -> Float:
 
 
 def triangles_of_faces(mesh: Mesh, faces: Int) -> tuple[Int, Float]:
-    """Return face triangles in fans from the first vertex: faces ``(t,)``, corners ``(t, 3, 3)``.
+    """Cut faces into fans of triangles from the first vertex: faces ``(t,)``, corners ``(t, 3, 3)``.
 
     Triangles keep the face orientation. In a nonconvex face they overlap, and must be summed with signed
     areas. A nonplanar face is defined by its triangles.
@@ -31,9 +31,10 @@ def triangles_of_faces(mesh: Mesh, faces: Int) -> tuple[Int, Float]:
 
 
 def tetrahedra_of_solids(mesh: Mesh) -> tuple[Int, Float]:
-    """Return cell tetrahedra from centroids: offsets ``(n + 1,)``, corners ``(t, 4, 3)`` from the origin.
+    """Cut polyhedra into tetrahedra around their centroids: offsets ``(n + 1,)``, corners ``(t, 4, 3)``.
 
-    In a cell that is not star-shaped they overlap, and must be summed with signed volumes.
+    Corners are relative to the mesh origin. In a cell that is not star-shaped they overlap, and must be
+    summed with signed volumes.
     """
     # 1. Triangles of each cell's faces, turned outward
     offsets, faces = mesh.cell_faces
@@ -54,10 +55,11 @@ def tetrahedra_of_solids(mesh: Mesh) -> tuple[Int, Float]:
 
 
 def solid_heights(mesh: Mesh) -> tuple[Float, np.ndarray]:
-    """Return the farthest vertex height ``(n_faces, 2)`` over each face, and a convex cell mask.
+    """Return the height ``(n_faces, 2)`` of each cell over each of its faces, and a mask of convex cells.
 
-    In a convex cell this is the height of the largest tetrahedron, or pyramid, on the face inside the cell.
-    It is infinite outside the domain and for faces with area 0. The mask has shape ``(n_cells,)``.
+    It is the distance of the farthest vertex. In a convex cell this is the height of the largest
+    tetrahedron, or pyramid, on the face inside the cell. It is infinite outside the domain and for faces
+    with area 0. The mask has shape ``(n_cells,)``.
     """
     from agglo_polydg_mg.space.solid_kernels import farthest_vertices
 
@@ -74,7 +76,7 @@ def solid_heights(mesh: Mesh) -> tuple[Float, np.ndarray]:
 
 
 def require_convex(convex: np.ndarray, what: str) -> None:
-    """Raise MeshError, naming the cells, if cells are not ``convex (n_cells,)``."""
+    """Raise MeshError with the indices of the cells that are not ``convex (n_cells,)``, if any."""
     others = np.flatnonzero(~convex)
     if len(others):
         raise MeshError(

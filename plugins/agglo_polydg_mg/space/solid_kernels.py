@@ -1,4 +1,4 @@
-"""Kernels for polyhedra: polynomial integrals, and heights over faces.
+"""Compiled kernels for polyhedra: polynomial integrals, and heights over faces.
 
 Polynomials are products L_i(x̂) L_j(ŷ) L_k(ẑ) of orthonormal Legendre polynomials on a cell's bounding box,
 given by its centre and its half sides; ``orders (m, 3)`` are i, j, k. Faces are fans of triangles.
@@ -26,7 +26,7 @@ def in_box(point, box, axis):
 
 @helper
 def _primitives(lx, upper, degree, primitives):
-    """Write antiderivatives of polynomials 0..degree to ``primitives``, from those up to degree + 1."""
+    """Compute the antiderivatives of Legendre polynomials 0..degree from their values up to degree + 1."""
     primitives[0] = lx[1] * upper[0]
     for i in range(1, degree + 1):
         primitives[i] = lx[i + 1] * upper[i] - lx[i - 1] * upper[i - 1]
@@ -34,7 +34,7 @@ def _primitives(lx, upper, degree, primitives):
 
 @helper
 def _add_triangle(box, a, b, c, turned, rule, weights, orders, degree, table, lines, integrals):
-    """Add ∫ X n_x over the triangle abc to ``integrals (m,)``, with the antiderivatives X in x.
+    """Add ∫ X n_x over the triangle abc to ``integrals (m,)``, with the polynomials' antiderivatives X in x.
 
     ``turned`` is True if the triangle is clockwise seen from outside the cell.
     """
@@ -90,7 +90,7 @@ def solid_moments(
 
 @kernel
 def solid_point_moments(points, values, offsets, boxes, orders):
-    """Return the sums ``(n, m)`` of values times polynomials over each cell's points.
+    """Sum values times polynomials over the points of each cell: ``(n, m)``.
 
     Cell c has the points ``offsets[c]:offsets[c + 1]``.
     """
@@ -111,7 +111,7 @@ def solid_point_moments(points, values, offsets, boxes, orders):
 def farthest_vertices(
     points, offsets, faces, starts, vertices, face_cells, normals, centres, first_cell, heights
 ):  # fmt: skip
-    """Write the height of cells from ``first_cell`` on over each face to ``heights (F, 2)``.
+    """Compute the ``heights (F, 2)`` of the cells from ``first_cell`` on over each of their faces.
 
     It is the largest distance of a vertex from the face plane, for owner and neighbour. ``normals (F, 3)``
     are unit normals outward from the owners, ``centres (F, 3)`` face points; cell c has the vertices

@@ -1,4 +1,4 @@
-"""Order for loops over the cells of a 3-D mesh with scattered numbers.
+"""Loop order over the cells of a 3-D mesh whose neighbouring cells have distant indices.
 
 Successive cells are then adjacent in memory: loops are twice as fast, and no number changes.
 """
@@ -25,7 +25,7 @@ A larger value leaves more meshes in their own order, a smaller one renumbers me
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Cells in the order of their visits.
+    """Order in which loops visit the cells of a mesh.
 
     Attributes
     ----------
@@ -38,21 +38,21 @@ class Walk:
     turns: Int
 
     def rows(self, offsets: Int, items: Int) -> tuple[Int, Int]:
-        """Return the lists ``items[offsets[c]:offsets[c + 1]]`` in the order of the walk."""
+        """Reorder the lists ``items[offsets[c]:offsets[c + 1]]`` of the cells c to the order of the walk."""
         counts = np.diff(offsets)[self.cells]
         ends = np.concatenate(([0], np.cumsum(counts)))
         places = np.repeat(offsets[self.cells] - ends[:-1], counts) + np.arange(ends[-1])
         return frozen_int(ends), frozen_int(items[places])
 
     def back(self, values: Float) -> Float:
-        """Return values ``(n_cells, …)`` from walk order in cell order."""
+        """Reorder values ``(n_cells, …)`` from the order of the walk to that of the cell indices."""
         found = np.empty_like(values)
         found[self.cells] = values
         return found
 
 
 def walk_through(mesh: Mesh) -> Walk | None:
-    """Return a walk along a curve, or None if cells are few or their numbers not scattered."""
+    """Return a walk along a space-filling curve, or None if the mesh is small or already well ordered."""
     n = mesh.n_cells
     pairs = mesh.face_cells[mesh.face_cells[:, 1] >= 0]
     if n < FEW[mesh.dim] or not len(pairs):
