@@ -1,1 +1,1 @@
-"""Default solver and its choices."""
+"""Default solver ``polydg_mg``, and the rules by which it chooses its multigrid levels."""

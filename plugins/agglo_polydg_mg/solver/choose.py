@@ -39,7 +39,7 @@ _SINGLE: Final = (1e-33, 1e35)
 
 @dataclass(frozen=True)
 class Overrides:
-    """User choices. The default ``"auto"`` leaves a choice to the solver."""
+    """Choices of the user. The default ``"auto"`` leaves a choice to the solver."""
 
     recipe: str = "auto"
     cycle: str = "auto"
@@ -48,7 +48,7 @@ class Overrides:
 
 @dataclass(frozen=True)
 class Plan:
-    """Plan of the levels for a system.
+    """Plan of the multigrid levels for a system: coarse spaces, smoother, cycle and precision.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ def choose(
     overrides: Overrides = Overrides(),
     diagonal: Float | None = None,
 ) -> Plan:
-    """Choose the levels for a symmetric interior penalty system.
+    """Choose coarse spaces, smoother and cycle for a symmetric interior penalty system.
 
     A face is *strong* if its penalty is more than 3 times the smallest penalty in one of its cells, and
     *weak* if in both cells a jump costs less than 0.1 times its cost at another face. More than 6 % strong

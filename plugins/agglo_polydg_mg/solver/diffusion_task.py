@@ -1,4 +1,4 @@
-"""Diffusion problems for the default solver: system, levels and one right-hand side."""
+"""Diffusion problems for the default solver: system, multigrid levels and one right-hand side."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _LARGEST_SHIFT: Final = 1e-10
 
 
 class DiffusionTask:
-    """Diffusion problem discretised on the mesh of a hierarchy.
+    """Diffusion problem discretised on the mesh of a hierarchy, with its multigrid levels.
 
     ``units`` and ``numbering`` may come from an earlier problem. A ``plan`` describes existing levels;
     without it the plan is made on first use. All arrays follow the cell ``numbering``.
@@ -80,7 +80,7 @@ class DiffusionTask:
 
     @property
     def plan(self) -> Plan:
-        """Plan of the levels."""
+        """Plan of the multigrid levels."""
         if self._plan is None:
             self._plan = self._choose(self._overrides)
         return self._plan
@@ -101,22 +101,22 @@ class DiffusionTask:
 
     @property
     def columns(self) -> list[Float]:
-        """Right-hand sides: a single column."""
+        """Right-hand sides, here a single one."""
         return [self.fine.b]
 
     @property
     def choice(self) -> str:
-        """Description of the levels, with the reason for them."""
+        """Description of the chosen levels, with the reason for them."""
         return self.plan.reason + self.numbering.remark
 
     @property
     def advice(self) -> str:
-        """Advice if a direct solver would take less time."""
+        """Advice to use a direct solver, if that would take less time."""
         return solvers.advice_of_multigrid(self.fine.A, self.plan.kind, 1, self._how.penalty)
 
     @property
     def cycle(self) -> str:
-        """Kind of the cycle."""
+        """Type of the multigrid cycle: V, W, F or K."""
         return self.plan.cycle
 
     @property
@@ -125,7 +125,7 @@ class DiffusionTask:
         return bool(self.plan.dtype == np.float32)
 
     def use_double(self) -> None:
-        """Continue in double precision."""
+        """Switch the plan to double precision."""
         if self.single:
             reason = f"{self.plan.reason}; double precision took over"
             self._plan = replace(self.plan, dtype=np.float64, reason=reason)
@@ -150,7 +150,7 @@ class DiffusionTask:
 
     @property
     def makes_levels(self) -> bool:
-        """True if the hierarchy has no agglomerates and the recipe needs some.
+        """True if the hierarchy has no agglomerates although the recipe needs some.
 
         A recipe with a continuous space can aggregate vertices by the graph of their matrix.
         """
@@ -158,13 +158,13 @@ class DiffusionTask:
 
     @cached_property
     def labels(self) -> list[Int]:
-        """Labels of the levels, finest first."""
+        """Agglomerate of each cell on the coarse levels, finest first."""
         wanted = self.hierarchy.levels or self.makes_levels
         first = cells_per_part(self.plan, self.basis.degree)
         return levels_by_default(self.hierarchy, self.count, first) if wanted else []
 
     def stack(self) -> Any:
-        """Build the levels.
+        """Build the multigrid levels, by a fallback method if rounding makes a block indefinite.
 
         Rounding may make the blocks of very flat cells indefinite. The levels are then built in double
         precision from a matrix with a slightly larger diagonal; the system to solve stays unchanged. If
@@ -201,7 +201,7 @@ class DiffusionTask:
         return self.fine._replace(A=larger)
 
     def parts(self, stack: Any) -> tuple[int | None, ...]:
-        """Return the number of agglomerates per level, or None for levels with vertex unknowns."""
+        """Return the number of agglomerates on each level, None for levels with vertex unknowns."""
         below, cells = stack.levels[1:], self.hierarchy.graph.n
         if self.plan.recipe == "conforming":
             return cells, *(None for _ in below)
@@ -216,7 +216,7 @@ class DiffusionTask:
         tell: Tell,
         pace: float | None = None,
     ) -> list[History]:
-        """Run conjugate gradients and return the history of the only column.
+        """Run preconditioned conjugate gradients, and return the convergence history in a list.
 
         The iteration continues from the end of the histories ``before``, if given.
         """
@@ -242,7 +242,7 @@ class DiffusionTask:
         return self.numbering.solution(replace(solution, discretisation=self._how, mesh=self._mesh))
 
     def unsolved(self, reason: str) -> list[History]:
-        """Return the history of an iteration that could not start."""
+        """Return the convergence history of an iteration that could not start."""
         return [solvers.unsolved(self.fine.b, reason)]
 
     def solution(
@@ -252,5 +252,5 @@ class DiffusionTask:
         watch: solvers.Stopwatch,
         tolerance: float,
     ) -> Solution:
-        """Return the solution for the given histories."""
+        """Return the solution that belongs to the given convergence histories."""
         return self.fine.solution(histories[0], operators, watch, tolerance)

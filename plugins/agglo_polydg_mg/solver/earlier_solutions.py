@@ -16,7 +16,7 @@ _ROWS = 256  # per block: 16 KiB for 8 vectors, which stay in the L1 cache (benc
 
 @kernel
 def differences_of(vectors, table):
-    """Write the backward differences of vectors to the columns of ``table (n, WIDE)``.
+    """Write the backward differences of successive vectors, by order, to the columns of ``table (n, WIDE)``.
 
     The ``vectors (k, n)`` are ordered by age, the latest last. Order 0 is the latest vector itself.
     Each column is divided by its largest magnitude; columns from k on, and vanishing differences, are 0.

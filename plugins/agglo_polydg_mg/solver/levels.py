@@ -1,4 +1,4 @@
-"""Build the levels of the default solver from its plan."""
+"""Build the multigrid levels of the default solver from its plan."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ solver, a smaller value adds levels (benchmarks/solid_ratios.py --meshes solids)
 def build(
     plan: Plan, problem: Diffusion, fine: solvers.FineSystem, basis: Basis, labels: Sequence[Int]
 ) -> Any:
-    """Build the levels of a plan.
+    """Build the multigrid levels that a plan describes.
 
     Returns a :class:`agglo_core.multigrid.LevelStack`.
 
@@ -64,14 +64,14 @@ def build(
 
 
 def cells_per_part(plan: Plan, degree: int) -> int:
-    """Return the number of cells per agglomerate on the first default level."""
+    """Return the number of cells per agglomerate on the finest level, if the solver makes its own levels."""
     return _CELLS_PER_LUMP if plan.recipe == "agglomerates" and degree == 1 else _CELLS_PER_PART
 
 
 def levels_by_default(
     hierarchy: Hierarchy, count: int | None = None, first: int = _CELLS_PER_PART
 ) -> list[Int]:
-    """Return the labels of the levels, finest first.
+    """Return the labels of the hierarchy's levels, finest first, or of default levels if it has none.
 
     The levels of the hierarchy are used if there are any. Otherwise levels are made with ``first``
     cells per part and, from level to level, an eighth of the parts. ``count`` limits the number of

@@ -1,4 +1,4 @@
-"""Renumber cells along a curve during a solve if the mesh numbering is scattered.
+"""Renumber cells along a space-filling curve during a solve if neighbours have distant indices.
 
 Neighbours far apart in memory cost about half the time of large solves.
 """
@@ -49,7 +49,7 @@ class Numbering:
 
     @property
     def mesh(self) -> Mesh:
-        """Mesh of the hierarchy."""
+        """Mesh of the hierarchy, in this numbering."""
         assert self.hierarchy.fine is not None  # numbering_for excludes bare graphs
         return self.hierarchy.fine
 
@@ -74,7 +74,7 @@ class Numbering:
         return {tag: self._taken(field) for tag, field in data.items()}
 
     def _taken(self, field: Field) -> Field:
-        """Return cell values in this order, and anything else unchanged.
+        """Reorder cell values to this numbering, and return anything else unchanged.
 
         Invalid data pass unchanged too: later checks refuse them.
         """
@@ -87,7 +87,7 @@ class Numbering:
         return values[self.cells] if values.shape == np.shape(self.cells) else field
 
     def solution(self, solution: Solution) -> Solution:
-        """Return a solution in the user's numbering.
+        """Convert a solution to the user's numbering.
 
         Its matrices are computed on first access.
         """
@@ -112,7 +112,7 @@ class Numbering:
         )
 
     def operator(self, M: LinearOperator) -> LinearOperator:
-        """Return the operator for vectors in the user's numbering."""
+        """Convert an operator to one on vectors in the user's numbering."""
         if self.cells is None:
             return M
         rows = self._rows(M.shape[0])
@@ -124,7 +124,7 @@ class Numbering:
         return LinearOperator(M.shape, matvec=applied, rmatvec=applied, dtype=M.dtype)
 
     def _rows(self, n: int) -> Int:
-        """Return the position in this numbering for each of the user's ``n`` unknowns."""
+        """Return the index in this numbering for each of the user's ``n`` unknowns."""
         assert self.cells is not None
         width = n // len(self.cells)
         first = width * np.argsort(self.cells)
@@ -132,7 +132,7 @@ class Numbering:
 
 
 def numbering_for(hierarchy: Hierarchy) -> Numbering:
-    """Return the numbering for a hierarchy of a mesh.
+    """Return the cell numbering in which to solve on a hierarchy.
 
     The user's numbering is kept if it is not scattered or the cells are few.
 
@@ -151,7 +151,7 @@ def numbering_for(hierarchy: Hierarchy) -> Numbering:
 
 
 def _is_scattered(indptr: Int, indices: Int, dim: int) -> bool:
-    """Return True if the numbers of neighbours are far apart."""
+    """Return True if neighbouring cells have distant indices on average."""
     n = len(indptr) - 1
     distances = np.abs(indices - np.repeat(np.arange(n, dtype=np.int32), np.diff(indptr)))
     return bool(distances.mean() > SCATTERED * n ** (1 - 1 / dim)) if len(distances) else False
@@ -162,7 +162,7 @@ def _take_rows(values: Float, rows: Int) -> Float:
 
 
 def _matrix(A: sparse.bsr_array, cells: Int) -> sparse.bsr_array:
-    """Return a cell block matrix in the user's numbering."""
+    """Convert a cell block matrix to the user's numbering."""
     n, width = len(cells), A.blocksize[0]
     places = sparse.csr_array((np.arange(len(A.indices)), A.indices, A.indptr), shape=(n, n))
     back = np.argsort(cells)

@@ -1,4 +1,4 @@
-"""Phases shared by single and repeated solves: levels, iteration, solution."""
+"""Phases shared by single and repeated solves: set-up of the levels, iteration, solution."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def task_for(
     plan: Plan | None = None,
     numbering: Numbering | None = None,
 ) -> Task:
-    """Check a problem against a hierarchy, and discretise a diffusion problem.
+    """Check that a problem fits a hierarchy, and discretise it if it is a diffusion problem.
 
     ``units`` and ``numbering`` may come from an earlier diffusion problem on the hierarchy. The
     ``plan`` describes its levels if they are kept.
@@ -56,7 +56,7 @@ def task_for(
 def set_up(
     task: Task, watch: solvers.Stopwatch, progress: Listener | None, title: str = "setting up the levels"
 ) -> multigrid.LevelStack:
-    """Build the levels by the plan of the task.
+    """Build the multigrid levels of a task, with timing and progress reports.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def iterate(
     before: list[History] | None = None,
     pace: float | None = None,
 ) -> list[History]:
-    """Iterate on all columns and return their histories.
+    """Solve for all right-hand sides by iteration, and return their convergence histories.
 
     At most ``most`` iterations are done, including the iterations in ``before``.
     """
@@ -104,7 +104,10 @@ def build_solution(
     *,
     fresh: bool = True,
 ) -> Solution:
-    """Return the solution for the histories. The levels may belong to an earlier system."""
+    """Build the solution object from the convergence histories.
+
+    The levels may belong to an earlier system.
+    """
     solution = replace(
         task.solution(histories, stack.operators, watch, tolerance),
         operator_complexity=stack.operator_complexity,
@@ -124,7 +127,7 @@ def zero_solution(task: Task, reason: str, watch: solvers.Stopwatch, tolerance: 
 
 
 def _join_histories(first: History, second: History) -> History:
-    """Join two histories if the second continued from the end of the first."""
+    """Join two convergence histories if the second continues the first."""
     if second is first or not first.iterations:
         return second
     residuals = np.concatenate((first.residuals, second.residuals[1:]))

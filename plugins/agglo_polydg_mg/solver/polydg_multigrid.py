@@ -143,7 +143,7 @@ class PolyDGMultigrid:
         )
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
-        """Return one cycle ``(n, n)`` in double precision.
+        """Return one multigrid cycle as a preconditioner ``(n, n)``, in double precision.
 
         The cycle is symmetric unless ``cycle`` is F or K.
 

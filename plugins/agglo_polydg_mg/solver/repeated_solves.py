@@ -1,4 +1,4 @@
-"""Solve sequences of systems, as in time stepping, and reuse the levels."""
+"""Solve sequences of systems, as in time stepping, and reuse the multigrid levels."""
 
 from __future__ import annotations
 
@@ -97,7 +97,10 @@ class RepeatedSolves:
         self._renumbered = False  # numbering of the kept data
 
     def solve(self, problem: Problem, progress: Listener | None = None) -> Solution:
-        """Solve like :meth:`.PolyDGMultigrid.solve`, with equal errors."""
+        """Solve as :meth:`.PolyDGMultigrid.solve` does, but reuse earlier levels and solutions.
+
+        It raises the same exceptions.
+        """
         watch, setups = solvers.Stopwatch(), self.setups
         # 1. Assemble, with the kept numbering, unit forms and plan
         with watch("assemble"), phase(progress, "assembling"):
@@ -124,7 +127,7 @@ class RepeatedSolves:
         return solution
 
     def _histories(self, task: Task, watch: solvers.Stopwatch, progress: Listener | None) -> list[History]:
-        """Iterate with the kept levels, then as far as needed with fresh levels, then with others."""
+        """Iterate with the kept levels, then if needed with fresh levels, then with fallback methods."""
         # 1. Kept levels, unless recent failures suspend them
         histories = self._started(task, watch)
         if self._paused:
@@ -150,7 +153,7 @@ class RepeatedSolves:
         return histories
 
     def _started(self, task: Task, watch: solvers.Stopwatch) -> list[History] | None:
-        """Return zero-iteration histories at the initial guesses, or None to begin from 0."""
+        """Return initial guesses as histories without iterations, or None without earlier solutions."""
         columns = task.columns
         if not self._earlier or [item.shape for item in self._earlier[-1]] != [b.shape for b in columns]:
             self._earlier = []
@@ -188,7 +191,7 @@ class RepeatedSolves:
         return iterate(task, self._kept, self._tolerance, most, watch, progress, before, pace)
 
     def _judge(self, histories: list[History]) -> None:
-        """Keep the solutions for the next system, and the levels if they serve."""
+        """Keep the solutions for the next system, and the levels unless they took too many iterations."""
         if not all(history.final for history in histories):
             self._kept, self._earlier = None, []
             return
@@ -209,7 +212,7 @@ def _all_finished(histories: list[History], most: int) -> bool:
 
 
 def _corrected_solution(history: History) -> Float:
-    """Return the solution plus its known correction.
+    """Return the last iterate plus the correction that its history contains.
 
     Extrapolation amplifies small errors, so the correction pays.
     """
@@ -217,6 +220,6 @@ def _corrected_solution(history: History) -> Float:
 
 
 def _digits(residuals: Float) -> float:
-    """Return the number of digits by which the residuals fell."""
+    """Return the number of decimal digits by which the residuals fell."""
     first, last = float(residuals[0]), float(residuals[-1])
     return math.log10(first / last) if 0.0 < last < first else 0.0
