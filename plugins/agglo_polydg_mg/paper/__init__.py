@@ -1,1 +1,1 @@
-"""The paper's multigrid, and multigrid composed by name."""
+"""The paper's multigrid, and multigrid composed of named parts."""

@@ -173,11 +173,11 @@ class ComposedMultigrid:
         )
 
     def parts_for(self, problem: Problem) -> multigrid.Composition:
-        """Return the parts for a problem."""
+        """Return the multigrid parts for a problem: transfer, coarse operator, smoother, coarse solver."""
         return self.composition
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
-        """Return one cycle ``(n, n)``, symmetric if ``outer`` is ``cg``.
+        """Return one multigrid cycle as a preconditioner ``(n, n)``, symmetric if ``outer`` is ``cg``.
 
         Raises
         ------

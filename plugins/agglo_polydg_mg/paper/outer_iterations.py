@@ -1,4 +1,4 @@
-"""Outer iterations around a multigrid cycle, by name."""
+"""Outer iterations around a multigrid cycle: cg, flexible_cg and stationary."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def iterate(
     most: int,
     tell: Tell = to_nobody,
 ) -> History:
-    """Solve the system on the mesh from 0, with a cycle M as approximate inverse.
+    """Solve the system on the mesh by iteration from 0, with a cycle M as approximate inverse.
 
     The solution counts as converged if both the residual and an estimate of the energy error are at
     most ``tolerance``.
@@ -103,7 +103,7 @@ class FlexibleSteps:
         self._last: tuple[Float, Float, float] | None = None
 
     def __call__(self, b: Float, x: Float) -> Float:
-        """Return the next x ``(n,)``.
+        """Return the next iterate x ``(n,)``.
 
         Raises
         ------

@@ -24,7 +24,7 @@ from agglo_polydg_mg.paper.schwarz import SmootherMaker, Solve, smoother_of
 
 
 class PaperMultigrid(ComposedMultigrid):
-    """Solve by V-cycles with the parts of the paper.
+    """Solve by V-cycles with the transfer, coarse matrices and smoother of the paper.
 
     The cycles start from zero and repeat until the residual is below ``tolerance`` times the right-hand
     side. If the coefficient is not constant,
@@ -113,7 +113,7 @@ class PaperMultigrid(ComposedMultigrid):
         )
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
-        """Solve by V-cycles.
+        """Solve a problem on a hierarchy by V-cycles.
 
         ``converged`` and ``reason`` of the solution state the outcome; ``progress`` receives the
         phases.
@@ -134,7 +134,7 @@ class PaperMultigrid(ComposedMultigrid):
         return replace(solution, reason=f"{solution.reason}; {way_out}")
 
     def parts_for(self, problem: Problem) -> multigrid.Composition:
-        """Return the parts for a problem. A linear system always inherits its coarse matrices."""
+        """Return the multigrid parts for a problem, with Galerkin coarse matrices for a linear system."""
         return self._inherited if isinstance(problem, Linear) else self.composition
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> NoReturn:

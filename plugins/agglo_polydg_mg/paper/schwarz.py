@@ -23,7 +23,7 @@ SmootherMaker = Callable[[Any, Solve, Solve | None, int], Smooth]
 
 
 def pcg_steps(A: Any, b: Float, x: Float, precondition: Solve, steps: int) -> Float:
-    """Return ``x (n,)`` after some restarted steps of preconditioned conjugate gradients.
+    """Take a few steps of preconditioned conjugate gradients from x, and return the iterate ``(n,)``.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def pcg_steps(A: Any, b: Float, x: Float, precondition: Solve, steps: int) -> Fl
 
 
 def block_jacobi(A: Any, width: int) -> Solve:
-    """Return an exact solver for the diagonal block of each cell.
+    """Return an exact solver for the diagonal block of each cell in a matrix.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def _equal_blocks(inverses: Float, r: Float) -> Float:
 
 
 def local_solve(A: Any, block_offsets: Int) -> Solve:
-    """Return an exact solver for diagonal blocks with any sizes.
+    """Return an exact solver for the diagonal blocks of a matrix, with any block sizes.
 
     Block k covers the unknowns ``block_offsets[k]:block_offsets[k + 1]``.
 
@@ -147,7 +147,7 @@ class Schwarz:
     """
 
     def setup(self, level: MultigridLevel) -> Smooth:
-        """Return ``smooth(b, x)``.
+        """Return the smoothing step ``smooth(b, x)`` on a multigrid level.
 
         Raises
         ------
@@ -159,7 +159,7 @@ class Schwarz:
 
 @dataclass(frozen=True)
 class _Made:
-    """Smoother returned by a function of matrix, local solve, correction by the next level and steps."""
+    """Smoother made by a function of matrix, local solve, correction by the next level, and steps."""
 
     maker: SmootherMaker
 
@@ -173,7 +173,7 @@ _OWN = MappingProxyType({"schwarz": Schwarz, **multigrid.SMOOTHERS})
 
 
 def smoother_of(given: Any, registry: Registry | None = None) -> Member:
-    """Return a smoother from a component name, a smoother, or a factory function.
+    """Return the smoother given by a component name, a smoother object, or a factory function.
 
     Parameters
     ----------

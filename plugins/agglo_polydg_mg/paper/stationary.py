@@ -70,7 +70,7 @@ class Corrections:
 
 
 def _projection_norm(gram: Float, products: Float, norms: Float) -> float:
-    """Return the norm of a vector's projection on others.
+    """Return the norm of a vector's projection on the span of other vectors.
 
     ``gram`` contains the inner products of the others, ``products`` their inner products with the
     vector.
@@ -83,7 +83,7 @@ def _projection_norm(gram: Float, products: Float, norms: Float) -> float:
 
 
 def _sum_remaining_norms(norms: Float) -> float:
-    """Return the sum of all remaining norms, including the last, if they shrink at the recent rate."""
+    """Extrapolate the sum of the norms of the last and all further corrections, at their recent rate."""
     rate = float((norms[1:] / norms[:-1])[-_RATES:].max(initial=0.0))
     return float(norms[-1]) / (1.0 - rate) if rate < 1.0 else float("inf")
 
@@ -154,7 +154,7 @@ class _Run:
             self.reason = f"diverged: residual {self.residuals[-1]:.1e} after {self.done} iterations"
 
     def following(self) -> tuple[Float, Float]:
-        """Return the next iterate and its residual, and end the run if the current iterate passes."""
+        """Return the next iterate and its residual, and end the run if the current iterate is accurate."""
         try:
             x = self.step(self.b, self.x)
         except np.linalg.LinAlgError as failure:
@@ -168,7 +168,7 @@ class _Run:
         return x, r
 
     def history(self) -> History:
-        """Return the history."""
+        """Return the convergence history, with the best iterate if the run diverged."""
         # A failed run returns its best iterate
         test_results = (self.small, self.error <= self.tolerance)
         energy_text = f", energy error about {self.error:.1e}" if self.small else ""
