@@ -137,7 +137,7 @@ class PolyDG:
         )
 
     def matrix_kind(self, problem: Problem, fine: solvers.FineSystem) -> str:
-        """Return the matrix kind for the solver advice: the object that polydg_mg would smooth."""
+        """Return the kind of matrix, by which solvers recommend multigrid or a direct method."""
         assert fine.meaning is not None  # set by fine_system
         assert fine.sigma is not None
         mesh = self.basis(fine.meaning[1]).mesh
