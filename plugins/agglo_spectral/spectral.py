@@ -85,7 +85,7 @@ class Spectral:
         return self.bisect_shares(level, seeds, None)
 
     def bisect_shares(self, level: Graph, seeds: UInt64, shares: Float | None) -> Int:
-        """Bisect each block along its Fiedler vector, with mass ``shares (B,)`` on side 0."""
+        """Bisect each block along its Fiedler vector, with the mass fraction ``shares (B,)`` on side 0."""
         # 1. Cut along the lowest mode
         values, modes = laplacian_modes(level, level.dim, self.weighted, self.dense_limit)
         coordinates = principal_frames(level)[1]
