@@ -7,7 +7,7 @@ from agglo_core.authoring import Component, hookimpl
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Return the components ``kmeans`` and ``kmeans_sklearn``."""
+    """Return the components of this plugin, the bisectors ``kmeans`` and ``kmeans_sklearn``."""
     return [
         Component(
             kind="bisector",

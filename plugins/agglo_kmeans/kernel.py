@@ -17,7 +17,7 @@ _ROUNDING = 1e-6  # error bound for points in single precision, relative to the 
 
 @helper
 def _tag_sides(graph, pieces, lo, hi, placing, extent, plane, candidates, sides):
-    """Tag a piece's cells by their side of a plane, at least one on each side.
+    """Tag each cell of a piece by its side of a plane, so that neither side is empty.
 
     ``placing`` contains origin and unit of the plane (see ``load_points``). The candidates are the cells at
     least as close to the plane as their neighbours are to them; their number is returned. ``plane`` comes

@@ -100,7 +100,7 @@ class KMeans:
         return PieceGrowth.for_components(graph, pieces, split_by_means, refiners, fixer)
 
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
-        """Return labels ``(n,)`` from a direct k-means with ``target.parts`` means.
+        """Partition a graph by k-means with ``target.parts`` means, and return the labels ``(n,)``.
 
         The means start as equal-mass runs of a space-filling curve, followed by a few Lloyd steps. Some
         labels may be unused. ``seed`` only matters with an ``effort``; then, for a target size, the number

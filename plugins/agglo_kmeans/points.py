@@ -278,7 +278,7 @@ def _reach(x, y, z, n, axis):
 
 @helper
 def bin_points(x, y, z, w, n, frame, planar, sums, means):
-    """Replace points by their means in the cells of a grid along ``frame``, and return the number of means.
+    """Replace points by their means in grid cells along ``frame``, and return the number of means.
 
     ``means (4, bins)`` are coordinates and weights, ``sums (bins, 4)`` is workspace. The unit rows of
     ``frame`` are multiplied by bins per length.
