@@ -105,7 +105,7 @@ class PolyDG:
     def fine_system(
         self, problem: Problem, mesh: Mesh, basis: Basis | None = None, units: UnitForms | None = None
     ) -> solvers.FineSystem:
-        """Return the system on a mesh in the form that solvers take.
+        """Return the system on a mesh in the form that solvers require.
 
         ``basis`` and ``units`` may come from an earlier problem.
 
@@ -189,7 +189,7 @@ class PolyDG:
     def residual_measure(
         self, problem: Problem, mesh: Mesh, b: Float, basis: Basis | None = None
     ) -> solvers.ResidualMeasure:
-        """Return the norm in which solvers measure residuals, for the right-hand side ``b (n,)``.
+        """Return the function by which solvers measure residuals, for the right-hand side ``b (n,)``.
 
         It weights by the cell means of κ.
         """
@@ -219,7 +219,7 @@ def _diffusion(problem: Problem) -> Diffusion:
 
 
 def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
-    """Return the problem that corrections on agglomerates solve: same boundary parts, zero data."""
+    """Return the problem that corrections on agglomerates solve: equal conditions with zero data."""
     diffusion = _diffusion(problem)
     return Diffusion(
         kappa=_average_coefficient(diffusion.kappa, mesh, labels),

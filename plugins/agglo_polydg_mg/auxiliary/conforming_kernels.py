@@ -204,7 +204,7 @@ def fit_traces(
     points, offsets, faces, face_vertices, face_cells, ends, starts, unknowns, bubbles, isolated, orthogonal,
     boxes, scale, degree, nodes, weights, regularisation, squares, max_rows,
 ):  # fmt: skip
-    """Fit a polynomial q_u on each cell to the boundary trace of the basis function of each unknown u.
+    """Fit a polynomial q_u on each cell to the boundary trace of each unknown's basis function.
 
     Returns the unknowns of each cell, as offsets ``(n_cells + 1,)`` and indices, and the coefficients ``(·,
     n)`` of each q_u. The fit minimises ∫ (q − trace)² ds over the cell boundary, after mapping the bounding

@@ -1,4 +1,4 @@
-"""Kernels for the Galerkin product C = Pᵀ A P of a block matrix A, with few coarse unknowns per cell.
+"""Kernels for Galerkin products C = Pᵀ A P with block matrices A and few unknowns of C per cell.
 
 ``offsets, indices`` are the cell unknowns, ``fitted (·, n)`` the columns of P on the cell. C is
 symmetric: only its upper half is computed, with the diagonal entry first in each row.
@@ -23,7 +23,7 @@ A larger value drops more entries and moves more weight to the diagonal (benchma
 
 @helper(allocates=True)
 def _holders(offsets, indices, size):
-    """Invert the cell lists: where each unknown occurs in ``indices``, as a CSR, and in which cells."""
+    """List for each unknown the cells that have it, and its indices in the lists of these cells."""
     # Counting sort of the positions by unknown.
     starts = np.zeros(size + 1, np.int64)
     for k in indices:
@@ -42,7 +42,7 @@ def _holders(offsets, indices, size):
 
 @cache
 def half_product(width: int) -> Callable[..., Any]:
-    """Return the kernel that computes the upper half of C for one block size, or for any if it is 0.
+    """Return the kernel that computes the upper half of C for one block size, 0 for any size.
 
     Its arguments are ``(indptr, columns, blocks, offsets, indices, fitted, size)``. It returns rows,
     columns and values of the upper half of C ``(size, size)``; the diagonal entry is first in its row, the

@@ -31,7 +31,7 @@ def on_nodes(space: ConformingSpace, mesh: Mesh) -> Mask:
 
 
 def nodal_basis(space: ConformingSpace, mesh: Mesh) -> sparse.csr_array:
-    """Return the map T ``(n, n)`` from values at vertices and face points to the unknowns of a space.
+    """Return the map T ``(n, n)`` from values at vertices and face points to the unknowns.
 
     Face points take the bubble numbers of the face, from its first end to the second. Faces outside
     :func:`on_nodes` keep their bubbles.

@@ -56,7 +56,7 @@ def _space(offsets: Int, unknowns: Index, fitted: Float, n_vertices: int, n: int
 
 
 def _vertices(mesh: Mesh) -> tuple[Int, int]:
-    """Number the vertex unknowns by first cell: that at each face vertex ``(v,)``, and the total number."""
+    """Number the vertex unknowns by first cell: index at each face vertex ``(v,)``, and total number."""
     vertices, first = np.unique(mesh.cell_vertices[1], return_index=True)
     numbers = np.full(mesh.n_points, -1)
     numbers[vertices[np.argsort(first)]] = np.arange(len(vertices))
@@ -64,7 +64,7 @@ def _vertices(mesh: Mesh) -> tuple[Int, int]:
 
 
 def _edges(mesh: Mesh, numbers: Int, n_vertices: int, has_bubbles: bool) -> tuple[Int, int]:
-    """Number the edge unknowns: that from each face vertex to the next ``(v,)``, and the total number.
+    """Number the edge unknowns: index on the edge after each face vertex ``(v,)``, and total number.
 
     Edges without an unknown have −1.
     """

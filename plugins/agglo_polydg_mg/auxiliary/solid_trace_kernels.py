@@ -12,7 +12,7 @@ from agglo_polydg_mg.space.solid_kernels import in_box
 
 @helper
 def _place(unknown, indices, position, count):
-    """Return the index of an unknown among the first ``count`` of a cell, or ``count`` if it is absent."""
+    """Return the index of an unknown in the list of a cell, or the length ``count`` if it is absent."""
     for i in range(count):
         if indices[position + i] == unknown:
             return i
@@ -55,7 +55,7 @@ def fit_solid_traces(
     points, offsets, faces, face_offsets, face_vertices, numbers, edges, boxes, scale, orders, rule, weights,
     regularisation, max_rows, most,
 ):  # fmt: skip
-    """Fit a polynomial q_u on each cell to the surface trace of the basis function of each unknown u.
+    """Fit a polynomial q_u on each cell to the surface trace of each unknown's basis function.
 
     Returns the unknowns of each cell, as offsets ``(n_cells + 1,)`` and indices, and the coefficients ``(·,
     n)`` of each q_u. The fit minimises ∫ (q − trace)² ds over the cell surface, after mapping the bounding
@@ -142,7 +142,7 @@ def fit_solid_traces(
 
 @kernel
 def fit_corners(points, offsets, vertices, boxes, scale):
-    """Fit linear polynomials of each cell to its corner values by least squares.
+    """Fit a linear polynomial on each cell to the basis function of each corner by least squares.
 
     Returns the unknowns ``(v,)`` of ``vertices``, numbered by first cell, the coefficients ``(v, 4)`` and
     the number of unknowns. If the trace is linear, or the cell a box, the result equals

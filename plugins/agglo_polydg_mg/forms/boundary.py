@@ -55,7 +55,7 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
 
 
 def _tags(mesh: Mesh, name: str) -> Int:
-    """Return the values of the face tag ``name``, all 0 if it is the default tag and the mesh has none."""
+    """Return the values of the face tag ``name``, all 0 if the default tag is absent."""
     if name in mesh.face_tags:
         return mesh.face_tags[name]
     if name != Diffusion.boundary:

@@ -101,7 +101,7 @@ def _sum_points(jumps, fluxes, sums):
 
 @helper
 def _scatter(sums, lane, m, f, face_cells, in_strip, slots, blocks):
-    """Add the matrix of face f, stored in one vector lane, to the blocks in rows of ``in_strip`` cells.
+    """Add the matrix of face f, given in one vector lane, to the rows of ``in_strip`` cells.
 
     ``sums (2 m, 2 m, LANES)`` contain lower halves, the owner's m rows before the neighbour's.
     """
@@ -133,7 +133,7 @@ def _scatter(sums, lane, m, f, face_cells, in_strip, slots, blocks):
 
 @helper
 def _choose(following, faces, sigma, batch):
-    """Collect at most ``LANES`` faces with σ > 0 in ``batch``, and return their number and the next index."""
+    """Collect at most ``LANES`` faces with σ > 0, and return their number and the next index."""
     count = 0
     while count < LANES and following < len(faces):
         if sigma[faces[following]] != 0.0:

@@ -36,7 +36,7 @@ class FaceRule(NamedTuple):
 
 
 def face_rule(mesh: Mesh, faces: Int, n: int) -> FaceRule:
-    """Return the Gauss points of some faces, exact up to degree 2n − 1."""
+    """Return a Gauss rule on some faces, exact up to degree 2n − 1."""
     # 2-D: points along each edge
     if mesh.dim == 2:
         start, end = (mesh.local_points[mesh.face_pairs[faces, k]][:, None] for k in range(2))
@@ -82,7 +82,7 @@ def face_coefficients(mesh: Mesh, kappa: Field, faces: Int, n: int) -> Float:
 
 
 def on_pieces(coefficients: Float, faces: Int, rule: FaceRule) -> Float:
-    """Repeat the rows of :func:`face_coefficients` for each piece of a rule on ascending ``faces``."""
+    """Repeat the rows of :func:`face_coefficients` for each piece of a face rule: triangles in 3-D."""
     if len(coefficients) == len(rule.faces):
         return coefficients
     return frozen_float(coefficients[np.searchsorted(faces, rule.faces)])

@@ -241,7 +241,7 @@ def balance(
 
 @helper
 def most_faces(offsets):
-    """Return the largest number of faces in ``LANES`` successive cells, counted per cell."""
+    """Return the largest sum of the face counts of ``LANES`` successive cells."""
     n_cells, most = len(offsets) - 1, 0
     for begin in range(0, n_cells, LANES):
         most = max(most, offsets[min(begin + LANES, n_cells)] - offsets[begin])

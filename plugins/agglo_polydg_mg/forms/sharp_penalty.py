@@ -138,7 +138,7 @@ def _by_simplices(
 
 
 def _of_rows(mesh: Mesh, values: np.ndarray, rows: Float) -> np.ndarray:
-    """Repeat face values to one per row of coefficients, of a face or of a triangle of a face."""
+    """Expand face values to the rows of coefficients, which refer to faces or to triangles of faces."""
     if len(values) == len(rows):
         return values
     return np.repeat(values, np.diff(mesh.face_offsets) - mesh.dim + 1)

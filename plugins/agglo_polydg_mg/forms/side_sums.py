@@ -31,7 +31,7 @@ def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: Floa
 
 
 def solid_requirements(basis: Basis, on_faces: Float, blocks: Float, held: Mask) -> tuple[Float, Mask]:
-    """Return the penalties ``(n_faces, 2)`` that polyhedra require on the ``held`` faces.
+    """Return the penalties ``(n_faces, 2)`` that polyhedra require on penalised faces, ``held``.
 
     The second result is a mask of cells that are not too thin for the eigenvalue problem. As in 2-D, with
     sides instead of faces: all faces of a side have its penalty.

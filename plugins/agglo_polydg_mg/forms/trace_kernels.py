@@ -155,7 +155,7 @@ def whitened_forms(
     points, offsets, faces, face_vertices, face_cells, first_cell, penalised, boxes, scale, fill, blocks,
     kappa, nodes, weights, degree, forms,
 ):  # fmt: skip
-    """Compute the matrices T_F of :func:`side_penalties` in bases orthonormal in the cell stiffness.
+    """Compute the matrices T_F of :func:`side_penalties` in bases orthonormal in the energy product.
 
     The result is the mask of cells whose stiffness is not singular to rounding. ``forms (h, k)`` receives
     T_F of each list face h, whitened by the stiffness: the lower half, row by row, and its trace.

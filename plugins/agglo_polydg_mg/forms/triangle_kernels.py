@@ -59,7 +59,7 @@ def _is_convex(start, end, m):
 
 @helper
 def _visible_height(start, end, m, k, convex, queue):
-    """Return the height of the largest triangle on edge k inside the cell, with a cell vertex as apex.
+    """Return the height of the largest triangle inside the cell from edge k to a cell vertex.
 
     ``queue (m,)`` is the order of edge tests: an edge that hides a vertex moves to the front, as it is
     likely to hide more. Returns 0 if no vertex is visible.

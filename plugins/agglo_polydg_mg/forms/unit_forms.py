@@ -93,7 +93,7 @@ class UnitForms:
         return frozen_float(forms), resolved
 
     def asked(self, kappa: Field, held: np.ndarray) -> tuple[Float, np.ndarray]:
-        """Return the penalties that cells require on ``held`` faces for κ ``(n_cells,)``, and a mask.
+        """Return the penalties that cells require on penalised faces for κ ``(n_cells,)``, and a cell mask.
 
         The mask is True for cells that are not too thin for the eigenvalue problem. The shapes are
         ``(n_faces, 2)`` and ``(n_cells,)``; see ``side_penalties`` in ``trace_kernels``.

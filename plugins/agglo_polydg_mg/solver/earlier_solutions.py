@@ -48,7 +48,7 @@ def differences_of(vectors, table):
 
 @kernel
 def half_products(indptr, indices, blocks, table, products):
-    """Write H V to ``products (n, WIDE)`` for a symmetric block matrix A = H + Hᵀ.
+    """Write the product H V to ``products (n, WIDE)``, for a symmetric block matrix A = H + Hᵀ.
 
     V is ``table (n, WIDE)``. H contains the blocks of the lower half, and half of each diagonal block:
     Vᵀ A V = Vᵀ H V + (Vᵀ H V)ᵀ takes half the work of A V.
@@ -126,7 +126,7 @@ def best_combination(A: Any, b: Float, earlier: Sequence[Float]) -> Float:
 
 
 def _energies(A: Any, V: Float) -> Float:
-    """Return Vᵀ A V ``(k, k)``."""
+    """Return the energy products Vᵀ A V ``(k, k)`` of the columns of V."""
     from agglo_polydg_mg.solver.earlier_solutions import half_products
 
     if getattr(A, "format", "") != "bsr" or A.blocksize[0] != A.blocksize[1] or A.dtype != np.float64:

@@ -1,4 +1,4 @@
-"""Polynomial basis on each cell.
+"""Discontinuous polynomial basis: products of Legendre polynomials on the bounding box of each cell.
 
 On cell K the basis is L_i(x̂) L_j(ŷ), i + j <= p: Legendre polynomials orthonormal on [−1, 1], with (x̂, ŷ)
 in [−1, 1]² on the bounding box of K. They need no mapping, so K may be any polygon. In 3-D the basis is
@@ -137,7 +137,7 @@ class Basis:
 
     @cached_property
     def walk(self) -> Walk | None:
-        """Loop order over cells in 3-D, or None for the order of cell numbers."""
+        """Loop order over cells in 3-D, or None for the order of cell indices."""
         return walk_through(self.mesh) if self.mesh.dim == 3 else None
 
     @cached_property

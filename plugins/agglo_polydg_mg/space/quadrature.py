@@ -50,7 +50,10 @@ def triangulate(mesh: Mesh) -> tuple[Int, Float]:
 
 
 def _fans(mesh: Mesh) -> tuple[Int, Float, np.ndarray]:
-    """Cut cells into fans of triangles from a vertex: cells, corners, and a mask of cells cut ``(n,)``."""
+    """Cut cells into fans of triangles from a vertex, if possible: cells, corners, and a mask ``(n,)``.
+
+    The mask is True for cells that are cut.
+    """
     cell_loops, loop_offsets, vertices = mesh.boundary_loops
     simple = np.diff(cell_loops) == 1
     loop = cell_loops[:-1][simple]

@@ -55,7 +55,7 @@ def tetrahedra_of_solids(mesh: Mesh) -> tuple[Int, Float]:
 
 
 def solid_heights(mesh: Mesh) -> tuple[Float, np.ndarray]:
-    """Return the height ``(n_faces, 2)`` of each cell over each of its faces, and a mask of convex cells.
+    """Return the heights ``(n_faces, 2)`` of both cells over each face, and a mask of convex cells.
 
     It is the distance of the farthest vertex. In a convex cell this is the height of the largest
     tetrahedron, or pyramid, on the face inside the cell. It is infinite outside the domain and for faces
