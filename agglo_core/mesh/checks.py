@@ -43,7 +43,7 @@ def last_place(points: Float) -> float:
 
 
 def name_cells(cells: ArrayLike) -> str:
-    """Return ``cell 3`` or ``cells 3, 8, 12, … (40 in all)`` for messages."""
+    """Format cell indices for messages: ``cell 3`` or ``cells 3, 8, 12, … (40 in all)``."""
     array = np.atleast_1d(cells)
     numbers = ", ".join(str(int(cell)) for cell in array[:5])
     if len(array) == 1:
@@ -52,7 +52,7 @@ def name_cells(cells: ArrayLike) -> str:
 
 
 def check_points(points: ArrayLike) -> Float:
-    """Return points as ``(n, 2 or 3)`` floats that the caller cannot change.
+    """Return the points as a read-only float array ``(n, 2)`` or ``(n, 3)``, or raise MeshError.
 
     :func:`check_finite` checks the values.
     """
@@ -64,7 +64,7 @@ def check_points(points: ArrayLike) -> Float:
 
 
 def check_finite(points: Float, vertices: Int | None = None) -> None:
-    """Raise MeshError if a point in ``vertices`` (by default any point) is not finite."""
+    """Raise MeshError if a coordinate of the points ``vertices`` (default: all) is not finite."""
     finite = np.isfinite(points)
     if finite.all():
         return
@@ -77,7 +77,7 @@ def check_finite(points: Float, vertices: Int | None = None) -> None:
 
 
 def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
-    """Raise MeshError unless the mesh arrays have consistent shapes and ranges."""
+    """Raise MeshError unless the mesh arrays have consistent shapes and index ranges."""
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise MeshError(f"points must have shape (n_points, 2) or (n_points, 3), not {points.shape}")
     check_finite(points)
@@ -110,7 +110,7 @@ def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
 
 
 def check_extent(points: Float) -> None:
-    """Raise MeshError if the point set is too small or too large for accurate moments."""
+    """Raise MeshError if the mesh is too small or too large for accurate moments of its cells."""
     extent = max((float(column.max()) - float(column.min()) for column in points.T), default=0.0)
     if extent > _LARGEST or 0 < extent < _SMALLEST:
         raise MeshError(
@@ -120,13 +120,13 @@ def check_extent(points: Float) -> None:
 
 
 def check_offsets(offsets: Int, total: int, what: str) -> None:
-    """Raise MeshError unless the offsets increase from 0 to ``total``."""
+    """Raise MeshError unless the CSR offsets increase from 0 to ``total``."""
     if len(offsets) == 0 or offsets[0] != 0 or offsets[-1] != total or (np.diff(offsets) < 0).any():
         raise MeshError(f"{what} offsets must increase from 0 to {total}, the number of entries")
 
 
 def check_indices(offsets: Int, vertices: Int, n_points: int) -> None:
-    """Raise MeshError unless all vertices are in 0..n_points−1.
+    """Raise MeshError unless all vertex indices are in 0..n_points−1.
 
     Cell c has the vertices ``offsets[c]:offsets[c + 1]``.
     """
@@ -137,7 +137,10 @@ def check_indices(offsets: Int, vertices: Int, n_points: int) -> None:
 
 
 def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Int, Int, dict[str, int]]:
-    """Return the used points (equal points merged if requested), renumbered vertices, and repairs."""
+    """Drop unused points, optionally merge equal points, and renumber the vertices.
+
+    Return the indices of the kept points, the renumbered vertices, and the counts of both repairs.
+    """
     merged = 0
     if merge:
         vertices, merged = merge_equal(points, vertices)
@@ -151,7 +154,7 @@ def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Int, Int,
 
 
 def merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
-    """Renumber the vertices so that equal points coincide, and return the number of superfluous points."""
+    """Merge equal points: return the renumbered vertices and the number of superfluous points."""
     points = points + 0.0  # -0.0 equals 0.0
     some = _points_with_equal_hash(points)
     if not len(some):
@@ -168,7 +171,7 @@ def merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
 
 
 def _points_with_equal_hash(points: Float) -> Int:
-    """Return the points whose hash occurs twice: all equal points, and rarely others."""
+    """Return candidates for equal points: indices of points whose coordinates have equal hashes."""
     bits = np.ascontiguousarray(points).view(np.uint64)
     key = bits[:, 0]
     for column in bits.T[1:]:
@@ -180,7 +183,7 @@ def _points_with_equal_hash(points: Float) -> Int:
 
 
 def note_repairs(repairs: Mapping[str, int]) -> dict[str, int]:
-    """Return the repairs with a positive count, and log them."""
+    """Log the repairs made to a mesh, and return those with a positive count."""
     counts = {text: count for text, count in repairs.items() if count}
     for text, count in counts.items():
         _log.info("%s: %d", text, count)
@@ -188,7 +191,7 @@ def note_repairs(repairs: Mapping[str, int]) -> dict[str, int]:
 
 
 def warn_of_overlaps(pairs: Int) -> None:
-    """Log a warning for 2-D cell pairs ``(k, 2)`` on the same side of an edge."""
+    """Log a warning for 2-D cell pairs ``(k, 2)`` that lie on the same side of a common edge."""
     if len(pairs):
         _log.warning(
             "%d pairs of cells overlap at an edge, such as cells %d and %d: their common area is counted "
@@ -199,7 +202,7 @@ def warn_of_overlaps(pairs: Int) -> None:
 
 
 def whole_numbers(values: Any, what: str, dimensions: int = 1) -> Int:
-    """Return an integer array with the given number of dimensions, or raise MeshError."""
+    """Return values as an integer array with the given number of dimensions, or raise MeshError."""
     array = plain_array(values, what)
     if array.size and array.dtype.kind not in "iu":
         raise MeshError(f"{what} must hold integers, not {array.dtype}")
@@ -210,7 +213,7 @@ def whole_numbers(values: Any, what: str, dimensions: int = 1) -> Int:
 
 
 def check_labels(labels: ArrayLike, n: int) -> Int:
-    """Return labels as ``(n,)`` int64 that cover 0..k−1, or raise MeshError.
+    """Return the part labels of cells as ``(n,)`` int64, or raise MeshError unless they cover 0..k−1.
 
     Examples
     --------
@@ -235,7 +238,7 @@ def check_labels(labels: ArrayLike, n: int) -> Int:
 
 
 def check_tags(kind: str, tags: Mapping[str, ArrayLike], count: int) -> dict[str, Int]:
-    """Return tags as immutable ``(count,)`` int64, or raise MeshError with the tag name."""
+    """Return tags as read-only int64 arrays ``(count,)``, or raise MeshError with the tag name."""
     checked = {}
     for name, values in tags.items():
         array = plain_array(values, f"{kind} tag {name!r}")

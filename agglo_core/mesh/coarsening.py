@@ -1,4 +1,4 @@
-"""Compute coarse faces and tags: faces inside agglomerates are dropped."""
+"""Compute the faces and tags of a coarse mesh, without the faces inside agglomerates."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from agglo_core.threads import over_ranges
 
 
 class CoarseFaces(NamedTuple):
-    """Faces between agglomerates as CSR, their two agglomerates, and their numbers in the fine mesh."""
+    """Faces of a coarse mesh as CSR, the two agglomerates at each, and their fine-mesh indices."""
 
     offsets: Int
     vertices: Int
@@ -21,7 +21,7 @@ class CoarseFaces(NamedTuple):
 
 
 def coarse_faces(labels: Int, face_offsets: Int, face_vertices: Int, face_cells: Int) -> CoarseFaces:
-    """Return the faces between agglomerates, or between an agglomerate and the outside.
+    """Return the faces of the coarse mesh: those between two agglomerates or on the boundary.
 
     Parameters
     ----------
@@ -47,6 +47,6 @@ def coarse_faces(labels: Int, face_offsets: Int, face_vertices: Int, face_cells:
 
 
 def surviving_tags(tags: Mapping[str, Int], labels: Int) -> dict[str, Int]:
-    """Return the cell tags that are constant on every agglomerate, per agglomerate."""
+    """Return the cell tags that are constant on every agglomerate, one value per agglomerate."""
     first = first_of_each(labels)
     return {name: values[first] for name, values in tags.items() if (values[first][labels] == values).all()}

@@ -1,4 +1,4 @@
-"""Sort items into rows by counting, with several threads on ranges of items."""
+"""Counting sort of items into rows (buckets), with several threads on ranges of items."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _FEW = 20_000
 
 
 def counting_sort(put: Callable[[int, int, Int, bool], None], n: int, rows: int, *, shares: int = 4) -> Int:
-    """Sort all items stably into rows with ``put`` and return the start of each row ``(rows + 1,)``.
+    """Sort items stably into rows with the callback ``put``, and return row offsets ``(rows + 1,)``.
 
     Parameters
     ----------

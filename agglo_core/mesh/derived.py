@@ -60,7 +60,7 @@ class Derived:
 
     @cached_property
     def outer_faces(self) -> Mask:
-        """Mask of faces on the domain boundary ``(n_faces,)``.
+        """Mask of the faces on the domain boundary ``(n_faces,)``.
 
         These are the faces with one cell. In a rank's part of a larger mesh they are on the boundary of the
         larger mesh.
@@ -74,7 +74,7 @@ class Derived:
 
     @cached_property
     def cell_faces(self) -> tuple[Int, Int]:
-        """Faces per cell as CSR: offsets ``(n_cells + 1,)`` and face numbers."""
+        """Faces per cell as CSR: offsets ``(n_cells + 1,)`` and face indices."""
         return faces_of_cells(self.face_cells, self.n_cells)
 
     @cached_property
@@ -93,7 +93,7 @@ class Derived:
 
     @cached_property
     def _face_vectors(self) -> Float:
-        """Face normals times face measures, outward from the owner ``(n_faces, d)``."""
+        """Area vectors ``(n_faces, d)``: unit normals times measures, outward from the owner cell."""
         if self.dim == 3:
             return self._face_moments[0]
         ends = self.local_points.take(self.face_pairs, axis=0)  # ten times faster than indexing
@@ -102,7 +102,7 @@ class Derived:
 
     @property
     def face_pairs(self) -> Int:
-        """Vertices per 2-D face ``(n_faces, 2)``.
+        """The two vertices of each face of a 2-D mesh ``(n_faces, 2)``.
 
         Raises
         ------
@@ -152,7 +152,7 @@ class Derived:
 
     @cached_property
     def face_normals(self) -> Float:
-        """Unit normals ``(n_faces, d)``, outward from the owner.
+        """Unit normals ``(n_faces, d)``, outward from the owner cell.
 
         Faces without measure have 0.
         """
@@ -169,7 +169,7 @@ class Derived:
 
     @cached_property
     def cell_neighbours(self) -> Neighbours:
-        """Cells with common faces as CSR, and the measure of these faces."""
+        """Cells with common faces as CSR, and the measures of these faces."""
         if self.dim == 2:
             return self._plane.neighbours
         from agglo_core.compiled.graphs import dual_graph
@@ -194,7 +194,7 @@ class Derived:
 
     @cached_property
     def boundary_loops(self) -> Loops:
-        """Boundary loops per cell (2-D).
+        """Boundary of each cell of a 2-D mesh as closed vertex loops.
 
         Raises
         ------
@@ -206,7 +206,7 @@ class Derived:
         return loops_of_cells(self.local_points, *self.cell_faces, self.face_pairs, self.face_cells)
 
     def check_labels(self, labels: ArrayLike) -> Int:
-        """Return labels as ``(n_cells,)`` int64 that cover 0..k−1, or raise MeshError."""
+        """Return part labels as ``(n_cells,)`` int64, or raise MeshError unless they cover 0..k−1."""
         return check_labels(labels, self.n_cells)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Convert standard 3-D elements (VTK node order) to polyhedra with tables of their faces."""
+"""Convert standard 3-D elements (VTK node order) to polyhedra, by a table of faces per element type."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _FOLDED_TETRA = (0, 1, 2, 2, 3, 3, 3, 3)  # hexahedron nodes 0, 1, 2, 3, 3, 3, 3
 
 
 class Polyhedra(NamedTuple):
-    """Half-faces of cells: cell c owns loops ``cell_offsets[c]:cell_offsets[c + 1]``."""
+    """Polyhedra as CSR of face loops: cell c has the loops ``cell_offsets[c]:cell_offsets[c + 1]``."""
 
     cell_offsets: Int  # (n_cells + 1,)
     loop_offsets: Int  # (n_loops + 1,)
@@ -47,7 +47,7 @@ class Polyhedra(NamedTuple):
 
 
 def polyhedra_from_elements(blocks: Mapping[str, ArrayLike]) -> Polyhedra:
-    """Return outward half-faces for element blocks, in block order.
+    """Convert blocks of standard elements to polyhedra with outward faces, in block order.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def polyhedra_from_elements(blocks: Mapping[str, ArrayLike]) -> Polyhedra:
 
 
 def _block(kind: str, cells: ArrayLike) -> Polyhedra:
-    """Return the half-faces in a block of equal elements, with folded hexahedra as tetrahedra."""
+    """Convert elements of one type to polyhedra, and collapsed hexahedra to tetrahedra."""
     if kind not in _FACES:
         raise MeshError(f"unknown element {kind!r}; known: {', '.join(_FACES)}")
     table, nodes = _FACES[kind], np.asarray(cells, dtype=np.int64)
@@ -91,7 +91,7 @@ def _block(kind: str, cells: ArrayLike) -> Polyhedra:
 
 
 def concatenate(parts: Iterable[Polyhedra]) -> Polyhedra:
-    """Concatenate the cells in all parts."""
+    """Concatenate several arrays of polyhedra."""
     solids = list(parts)
     return Polyhedra(
         _join_offsets([part.cell_offsets for part in solids]),
@@ -101,21 +101,24 @@ def concatenate(parts: Iterable[Polyhedra]) -> Polyhedra:
 
 
 def take_cells(polyhedra: Polyhedra, cells: Int) -> Polyhedra:
-    """Return the given cells in the given order."""
+    """Return the selected polyhedra in the given order."""
     cell_offsets, loops = gather(polyhedra.cell_offsets, cells)
     loop_offsets, places = gather(polyhedra.loop_offsets, loops)
     return Polyhedra(cell_offsets, loop_offsets, frozen_int(polyhedra.vertices[places]))
 
 
 def gather(offsets: Int, rows: Int) -> tuple[Int, Int]:
-    """Return offsets for the chosen CSR rows, and the positions of their entries."""
+    """Return the offsets of selected CSR rows, and the indices of their entries in the old arrays."""
     sizes = offsets[rows + 1] - offsets[rows]
     new = np.concatenate(([0], np.cumsum(sizes)))
     return frozen_int(new), frozen_int(np.arange(new[-1]) + np.repeat(offsets[rows] - new[:-1], sizes))
 
 
 def turns_as_listed(first: Int, second: Int, own: Mask, turns: Int, ranks: Int) -> Int:
-    """Return for each cell the first rotation that lists its faces like the element, or −1.
+    """Return for each cell the first rotation in which its faces have the element's order, or −1.
+
+    A rotation is a renumbering of the corners that maps the element to itself. A cell has −1 if no rotation
+    fits.
 
     Parameters
     ----------

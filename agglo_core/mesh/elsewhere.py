@@ -1,4 +1,4 @@
-"""Import functions of later packages for methods such as ``mesh.plot``, on first use."""
+"""Import functions on first use for methods such as ``mesh.plot``, from packages built on this one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def import_function(target: str) -> Callable[..., Any]:
-    """Import and return the function ``"module:name"`` of a later package."""
+    """Import and return the function ``"module:name"`` at the time of the call."""
     module, _, name = target.partition(":")
     function: Callable[..., Any] = getattr(import_module(module), name)
     return function

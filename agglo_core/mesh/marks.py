@@ -1,4 +1,4 @@
-"""Evaluate cell or face groups and weights: tags, tags with values, or arrays."""
+"""Interpret user-defined groups and weights of cells or faces: tag names, tag values, or arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.errors import OptionError
 
 
 def in_group(values: NDArray[Any]) -> Mask:
-    """Return the mask ``(n,)`` of a tag's group members: values other than 0 and −1.
+    """Return the mask ``(n,)`` of the cells or faces with a tag: values other than 0 and −1.
 
     Readers set −1 on faces that the file does not list, and 0 on listed faces of other groups.
 
@@ -66,7 +66,7 @@ def select_members(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: i
 
 
 def values_of(word: str, name: str, tags: Mapping[str, NDArray[Any]], n: int, what: str) -> NDArray[Any]:
-    """Return the values ``(n,)`` of a tag, or raise OptionError with the known tags."""
+    """Return the values ``(n,)`` of a tag by its name, or raise OptionError with the known tags."""
     if name not in tags:
         hint = f"there are {', '.join(tags)}" if tags else "the mesh has none"
         raise OptionError(f"{word}: no {what} tag is named {name!r}; {hint}")
@@ -77,7 +77,7 @@ def values_of(word: str, name: str, tags: Mapping[str, NDArray[Any]], n: int, wh
 
 
 def weights_of(given: Any, data: Mapping[str, NDArray[Any]], n: int) -> Float:
-    """Return cell weights ``(n,)``, from cell data or numbers.
+    """Return cell weights ``(n,)``, given as an array or as the name of cell data.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def _mask_of_name(word: str, text: str, tags: Mapping[str, NDArray[Any]], n: int
 
 
 def _union(masks: Sequence[Mask], n: int) -> Mask:
-    """Return the union of the masks."""
+    """Return the union of several masks."""
     result = np.zeros(n, bool)
     for mask in masks:
         result |= mask

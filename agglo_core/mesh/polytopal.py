@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Mesh(FieldState, Derived, Tagged):
-    """A polygonal (d = 2) or polyhedral (d = 3) mesh, face by face.
+    """A polygonal (d = 2) or polyhedral (d = 3) mesh, stored as faces with their vertices and cells.
 
     Create meshes with :meth:`from_polygons`, :meth:`from_polyhedra`, :func:`agglo_core.read` or
     :mod:`agglo_core.samples`, or from the arrays below, which are copied unless they are immutable. An
@@ -89,7 +89,7 @@ class Mesh(FieldState, Derived, Tagged):
         self.__dict__["face_tags"] = check_tags("face", self.face_tags, self.n_faces)
 
     def check(self) -> None:
-        """Raise MeshError unless the arrays form a mesh, as in the constructor."""
+        """Raise MeshError unless the arrays form a valid mesh, as the constructor does."""
         check_faces(self.points, self.face_offsets, self.face_vertices, self.face_cells)
         check_cells(self)
 
@@ -196,7 +196,7 @@ class Mesh(FieldState, Derived, Tagged):
 
     @cached_property
     def graph(self) -> Graph:
-        """Dual graph: one node per cell, one edge per pair of neighbours."""
+        """Dual graph: one node per cell, one edge per pair of cells with a common face."""
         from agglo_core.graph import dual_graph
 
         return dual_graph(self)
@@ -278,7 +278,7 @@ class Mesh(FieldState, Derived, Tagged):
         return trusted(Mesh, points, offsets, vertices, cells, self.cell_tags, tags, all_repairs, self.name)
 
     def simplified(self, tolerance: float = 0.0) -> Mesh:
-        """Return this mesh with straight edge runs between the same two cells merged into single edges.
+        """Return this mesh with collinear edges between the same two cells merged into single edges.
 
         In 3-D, flat face patches are merged into one face if its boundary is a single loop. Without tolerance
         the geometry changes by rounding only. With a tolerance (2-D), interfaces are straightened: a vertex
@@ -327,7 +327,7 @@ class Mesh(FieldState, Derived, Tagged):
         return trusted_copy(mesh, simplification=record_simplification(self, mesh, reduction, tolerance))
 
     def renumbered(self, cells: ArrayLike) -> Mesh:
-        """Return this mesh with another cell order.
+        """Return this mesh with the cells in another order.
 
         Faces and points are numbered as they are encountered.
 
@@ -365,7 +365,7 @@ class Mesh(FieldState, Derived, Tagged):
         return mesh_from_shapely(polygons, cell_tags=cell_tags, tolerance=tolerance, strict=strict, name=name)
 
     def to_shapely(self) -> NDArray[np.object_]:
-        """Return each cell as a valid Polygon or MultiPolygon ``(n_cells,)``, holes and pinches included."""
+        """Return each cell as a valid shapely Polygon or MultiPolygon ``(n_cells,)``, with all holes."""
         from agglo_core.interchange import mesh_to_shapely
 
         return mesh_to_shapely(self)

@@ -1,4 +1,4 @@
-"""Renumber mesh arrays."""
+"""Renumber the cells, faces and points of a mesh."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.mesh.derived import Derived
 
 
 class Renumbered(NamedTuple):
-    """Mesh arrays, with old cell and face numbers."""
+    """Mesh arrays after renumbering, with the old index of each cell and face."""
 
     points: Float
     face_offsets: Int
@@ -24,7 +24,7 @@ class Renumbered(NamedTuple):
 
 
 def renumber_arrays(mesh: Derived, cells: ArrayLike) -> Renumbered:
-    """Return the arrays for a cell order, with faces and points numbered as they are encountered.
+    """Reorder the cells of a mesh, and number faces and points in the order of their first use.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def renumber_arrays(mesh: Derived, cells: ArrayLike) -> Renumbered:
 
 
 def _numbers(cells: ArrayLike, n: int) -> tuple[Int, Int]:
-    """Return the order, and the new number of each cell.
+    """Return the checked cell order, and the new index of each cell.
 
     The last entry is the outside (−1).
     """

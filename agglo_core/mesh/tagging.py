@@ -1,4 +1,4 @@
-"""Tag cells and faces by functions of position, and list tag value combinations."""
+"""Tag cells and faces by functions of the coordinates, and list the occurring combinations of tags."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from agglo_core.mesh.checks import check_tags
 
 
 class BoundaryKinds(NamedTuple):
-    """Combinations of face tags on the boundary.
+    """Combinations of face tag values that occur on the boundary of each domain component.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class BoundaryKinds(NamedTuple):
 
 
 def distinct(columns: Sequence[Int]) -> list[Int]:
-    """Return the distinct rows of a table, in arbitrary order.
+    """Return the distinct rows of a table given by columns, in arbitrary order.
 
     Examples
     --------
@@ -52,7 +52,7 @@ TagValues = ArrayLike | Callable[[Float], ArrayLike]
 
 
 class Tagged:
-    """Base class of :class:`~agglo_core.mesh.Mesh`: tags, and meshes with additional tags."""
+    """Base class of :class:`~agglo_core.mesh.Mesh`: integer tags of cells and faces."""
 
     cell_tags: Mapping[str, Int]
     face_tags: Mapping[str, Int]
@@ -64,7 +64,7 @@ class Tagged:
 
     @cached_property
     def cell_kinds(self) -> Mapping[str, Int]:
-        """Combinations of cell tag values in the mesh: ``(k,)`` per tag.
+        """Combinations of cell tag values that occur in the mesh, ``(k,)`` per tag.
 
         A rank's part of a larger mesh holds the combinations of the whole mesh.
         """
@@ -72,7 +72,7 @@ class Tagged:
 
     @cached_property
     def boundary_kinds(self) -> BoundaryKinds:
-        """Combinations of face tag values on the boundary, per domain component.
+        """Combinations of face tag values that occur on the boundary of each domain component.
 
         A rank's part of a larger mesh holds the combinations of the whole mesh.
         """
@@ -137,7 +137,7 @@ class Tagged:
 
 
 def _evaluate_tags(kind: str, tags: Mapping[str, TagValues], points: Float) -> dict[str, Int]:
-    """Return the values per tag as ``(n,)`` integers, or raise MeshError with the tag name."""
+    """Evaluate tags given as arrays or functions, as ``(n,)`` integers by name."""
     arrays = {}
     for name, values in tags.items():
         result = values(points) if callable(values) else values

@@ -1,4 +1,4 @@
-"""Check that faces enclose cells with positive measure."""
+"""Check that the faces of each cell are closed and enclose a positive measure."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def check_volumes(mesh: Derived, numbers: Int) -> None:
 
 
 def _plane(mesh: Derived) -> tuple[Int, Int]:
-    """Return 2-D cells that are not closed, and cells without positive area beyond rounding.
+    """Return the 2-D cells that are not closed, and those whose area is not positive beyond rounding.
 
     The closedness test uses hashes: an open cell passes with probability 2^−64.
     """
@@ -59,7 +59,10 @@ def _plane(mesh: Derived) -> tuple[Int, Int]:
 
 
 def _solid(mesh: Derived) -> tuple[Int, Int]:
-    """Return 3-D cells that are not closed, and all cells (their volumes are not yet computed)."""
+    """Return the 3-D cells that are not closed, and all cells as candidates for zero volume.
+
+    The caller tests the volumes, which are not yet computed.
+    """
     used = np.zeros(mesh.n_points, bool)
     used[mesh.face_vertices] = True
     check_extent(mesh.points if used.all() else mesh.points[used])

@@ -1,4 +1,4 @@
-"""Join coincident outer faces: insert hanging vertices, merge points."""
+"""Join coincident outer (boundary) faces of cells: insert hanging vertices and merge points."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NARROW = f"mesh.conforming(tolerance={_NEAR:g}) joins them; allow_gaps=True acc
 
 
 class Joined(NamedTuple):
-    """A mesh after joining, in the arrays of :class:`~agglo_core.mesh.Mesh`."""
+    """Arrays of a :class:`~agglo_core.mesh.Mesh` whose coincident outer faces have been joined."""
 
     points: Float
     face_offsets: Int
@@ -38,7 +38,7 @@ class Joined(NamedTuple):
 
 
 class _Pieces(NamedTuple):
-    """Outer faces cut at the points of other faces, in order."""
+    """Pieces of outer faces: edges cut at hanging vertices, or polygons tiled by smaller ones."""
 
     face: Int  # face number in Outer
     # CSR of the pieces; vertices are numbered as in Outer
@@ -48,7 +48,7 @@ class _Pieces(NamedTuple):
 
 
 def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | None:
-    """Join coincident outer faces.
+    """Join coincident outer faces into interior faces, so that their cells become neighbours.
 
     Return None if there are none.
 
@@ -96,7 +96,7 @@ def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | N
 
 
 def warn_of_gaps(mesh: Derived) -> None:
-    """Log a warning if an immutable mesh has coincident outer faces."""
+    """Log a warning if a mesh has coincident outer faces, which leave a gap in the domain."""
     outer, contacts = _contacts(mesh, TOLERANCE)
     if len(contacts.pairs):
         found = _describe_pairs(mesh.face_cells[outer.faces[contacts.pairs], 0])
@@ -104,7 +104,7 @@ def warn_of_gaps(mesh: Derived) -> None:
 
 
 def _contacts(mesh: Derived, tolerance: float) -> tuple[Outer, Contacts]:
-    """Return the outer faces and the contacts between different cells, with a warning for near contacts."""
+    """Return the outer faces and their coincident pairs, and warn of nearly coincident pairs."""
     outer = outer_faces(mesh)
     pairs = facing_pairs(outer)
     owner = mesh.face_cells[outer.faces, 0]
@@ -121,13 +121,13 @@ def _contacts(mesh: Derived, tolerance: float) -> tuple[Outer, Contacts]:
 
 
 def _describe_pairs(cells: Int) -> str:
-    """Return a message about coincident outer faces for cell pairs ``(k, 2)``."""
+    """Return a message that the cell pairs ``(k, 2)`` have coincident outer faces."""
     first, second = np.sort(cells[0]).tolist()
     return f"{len(cells)} pairs of outer faces, such as of cells {first} and {second}, coincide"
 
 
 def reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
-    """Return for each face pair the largest distance at which both coincide."""
+    """Return for each face pair the distance up to which its faces count as coincident."""
     if not len(pairs):
         return frozen_float([])
     size = outer.measure if mesh.dim == 2 else np.sqrt(outer.measure)
@@ -139,7 +139,7 @@ def reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
 
 
 def _places(n: int, pairs: Int) -> Int:
-    """Return for each of n points the smallest number among all points at its location."""
+    """Return for each of n points the smallest index among the points that coincide with it."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -149,7 +149,7 @@ def _places(n: int, pairs: Int) -> Int:
 
 
 def _cut_edges(outer: Outer, contacts: Contacts, place: Int, owner: Int, merge: bool) -> _Pieces:
-    """Cut edges at the points inside them, and join opposite pieces in pairs."""
+    """Cut outer edges at the hanging vertices inside them, and pair opposite pieces."""
     ends = outer.vertices.reshape(-1, 2)
     # Keep each cut point once per edge, in order along the edge.
     edge, point = contacts.inside.T
@@ -179,7 +179,7 @@ def _cut_edges(outer: Outer, contacts: Contacts, place: Int, owner: Int, merge: 
 
 
 def _opposite_pieces(tails: Int, heads: Int, owner: Int) -> Int:
-    """Return for each piece its single counterpart with reversed direction, or −1."""
+    """Return for each edge piece its only counterpart with reversed direction, or −1 without one."""
     order = np.lexsort((np.maximum(tails, heads), np.minimum(tails, heads)))
     ends = np.sort(np.stack((tails, heads))[:, order], axis=0)
     start = np.flatnonzero(np.concatenate(([True], (np.diff(ends, axis=1) != 0).any(axis=0))))
@@ -192,7 +192,7 @@ def _opposite_pieces(tails: Int, heads: Int, owner: Int) -> Int:
 
 
 def _split_tiled_faces(outer: Outer, contacts: Contacts, merge: bool) -> _Pieces:
-    """Join faces with equal vertices in pairs, and split faces that other faces tile."""
+    """Pair outer faces with equal vertices, and split each face that smaller faces tile."""
     n = len(outer.faces)
     fits = merge | ~contacts.distinct
     times = np.bincount(contacts.pairs.ravel(), minlength=n)
@@ -218,7 +218,7 @@ def _split_tiled_faces(outer: Outer, contacts: Contacts, merge: bool) -> _Pieces
 
 
 def _tiles(outer: Outer, contacts: Contacts, fits: Mask, times: Int) -> tuple[Int, Int]:
-    """Return the (face, tile) pairs where tiles cover a face completely.
+    """Return pairs (face, tile) for each face that smaller faces, its tiles, cover completely.
 
     Tiles are in contact with this face only.
     """
@@ -235,7 +235,7 @@ def _tiles(outer: Outer, contacts: Contacts, fits: Mask, times: Int) -> tuple[In
 
 
 def _build_mesh(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, n_unjoined: int) -> Joined:
-    """Build the mesh in which the outer faces with a joined piece are replaced by their pieces."""
+    """Build the mesh in which joined outer faces are replaced by their pieces."""
     inner = pieces.partner >= 0
     split = np.zeros(len(outer.faces), bool)
     split[pieces.face[inner]] = True
@@ -276,7 +276,7 @@ def _build_mesh(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, n_unjo
 
 
 def _merge_points(n: int, outer: Outer, pieces: _Pieces, place: Int) -> tuple[Int, Int]:
-    """Merge coincident points of joined pieces.
+    """Merge coincident points of joined pieces of faces.
 
     Return new numbers for all n points, and the kept points.
     """
@@ -292,6 +292,6 @@ def _merge_points(n: int, outer: Outer, pieces: _Pieces, place: Int) -> tuple[In
 
 
 def _mark_common_pairs(pairs: Int, others: Int, n: int) -> Mask:
-    """Return the mask of pairs (numbers below n) that occur among the others, in either order."""
+    """Return the mask of index pairs (indices below n) that occur among the others, in either order."""
     key, known = (np.sort(each, axis=1) @ [n, 1] for each in (pairs, others))
     return np.isin(key, known)

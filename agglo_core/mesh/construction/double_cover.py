@@ -1,4 +1,4 @@
-"""Detect overlapping 2-D cells from outer faces alone."""
+"""Detect overlapping 2-D cells by the winding number of the mesh boundary."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _BITS = 44  # bits of coordinates in the union: without a grid, GEOS loses cells
 
 
 def warn_of_double_cover(mesh: Derived) -> None:
-    """Log a warning if 2-D cells overlap, so that their total measure exceeds that of their union.
+    """Log a warning if 2-D cells overlap, with the area that is counted twice.
 
     The winding number of the outer faces counts the cells at a point (Stokes), so the cost depends on the
     outer faces only. Overlaps within the tolerance of :meth:`Mesh.conforming` are accepted. Cells on the same
@@ -50,7 +50,10 @@ def warn_of_double_cover(mesh: Derived) -> None:
 
 
 def _covers_twice(points: Float, faces: Int) -> bool:
-    """Return True if the winding number of ``faces (m, 2)``, cells on their left, exceeds 1 somewhere."""
+    """Return True if the winding number of the directed edges ``faces (m, 2)`` exceeds 1 somewhere.
+
+    The cells lie on the left of these edges.
+    """
     import shapely
 
     # Region within each loop; its measure is positive around cells and negative around a hole.
@@ -88,7 +91,7 @@ def _covers_twice(points: Float, faces: Int) -> bool:
 
 
 def _nest_twice(regions: Any, measure: Float, slack: Float) -> bool:
-    """Return True if two loops overlap partially, or a loop around cells lies within cells."""
+    """Return True if two boundary loops overlap partially, or one around cells lies within cells."""
     import shapely
 
     outside, inside = shapely.STRtree(regions).query(regions, predicate="intersects")
@@ -115,7 +118,7 @@ def _nest_twice(regions: Any, measure: Float, slack: Float) -> bool:
 
 
 def _remove_cracks(points: Float, faces: Int) -> tuple[Float, Int]:
-    """Remove pairs of faces that run in opposite directions between equal points."""
+    """Remove cracks: pairs of faces that run in opposite directions between equal points."""
     used, ends = np.unique(faces, return_inverse=True)
     points = frozen_float(points[used])
     ends = merge_equal(points, frozen_int(ends.ravel()))[0].reshape(-1, 2)
@@ -134,7 +137,7 @@ def _remove_cracks(points: Float, faces: Int) -> tuple[Float, Int]:
 
 
 def _followers(points: Float, faces: Int) -> Int:
-    """Return the successor of each face along its loop.
+    """Return for each outer face the next one along its boundary loop.
 
     Where loops touch, the successor stays at the cells of the sector.
     """
@@ -167,7 +170,7 @@ def _followers(points: Float, faces: Int) -> Int:
 
 
 def _loops(follower: Int) -> tuple[Int, Int]:
-    """Return the faces in loop order, and the start of each loop, by pointer doubling."""
+    """Sort faces into closed loops by pointer doubling: faces in loop order, and loop starts."""
     number = np.arange(len(follower))
 
     # The smallest face number identifies a loop.

@@ -1,4 +1,4 @@
-"""Build polygon faces by pairing half-edges: sorted in buckets, or one by one for unusual edges."""
+"""Build the faces of a 2-D mesh by pairing half-edges, in buckets or, for unusual edges, one by one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FEW_BUCKETS = 10
 def polygon_faces(
     offsets: Int, vertices: Int, used: Int, own: Int, *, weak: bool, strict: bool
 ) -> tuple[Int, Int, int]:
-    """Pair half-edges in counter-clockwise loops to faces.
+    """Pair the half-edges of counter-clockwise cells into faces.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def polygon_faces(
 
 
 def _refuse_duplicates(offsets: Int, vertices: Int, numbers: Int, pairs: Iterable[Sequence[int]]) -> None:
-    """Raise MeshError if a pair is a duplicate cell, or a cell traverses an edge twice."""
+    """Raise MeshError if two cells of a pair have equal vertices, or a cell has an edge twice."""
     for first, second in pairs:
         if first == second:
             raise MeshError(f"cell {numbers[first]}: a repeated vertex (it traverses an edge twice)")
@@ -83,7 +83,7 @@ def _refuse_duplicates(offsets: Int, vertices: Int, numbers: Int, pairs: Iterabl
 
 
 def plain_faces(offsets: Int, vertices: Int, n_points: int) -> tuple[Int, Int] | None:
-    """Return face vertices and face cells ``(n_faces, 2)`` for counter-clockwise loops.
+    """Return the vertices and the cells of all faces, ``(n_faces, 2)`` each, for counter-clockwise cells.
 
     Return None if an edge has more than two cells, two on the same side, or one cell on both sides. Faces are
     in the order in which the cells meet them.
@@ -96,7 +96,7 @@ def plain_faces(offsets: Int, vertices: Int, n_points: int) -> tuple[Int, Int] |
 
 
 def _cells_across(offsets: Int, vertices: Int, n_points: int) -> Index | None:
-    """Return the cell across each half-edge: −1 outside, −2 at the second half-edge of a face."""
+    """Return the cell across each half-edge: −1 outside, −2 if it is the second of its face."""
     from agglo_core.mesh.kernels.pairing import BITS, pair_half_edges, to_buckets
 
     buckets = ((n_points - 1) >> BITS) + 1
@@ -113,7 +113,7 @@ def _cells_across(offsets: Int, vertices: Int, n_points: int) -> Index | None:
 
 
 def _collect_faces(offsets: Int, vertices: Int, beyond: Index) -> tuple[Int, Int]:
-    """Return face vertices and face cells."""
+    """Number the faces, and return their vertices and cells, from the cells across half-edges."""
     from agglo_core.mesh.kernels.pairing import number_faces
 
     spans = ranges(len(offsets) - 1)

@@ -1,4 +1,4 @@
-"""Build the faces of a 2-D mesh from polygons, with counted repairs and errors that name cells."""
+"""Build the faces of a 2-D mesh from polygons, count repairs, and report faulty cells."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _FAULTS = {
 
 
 class Faces(NamedTuple):
-    """A checked mesh in the arrays of :class:`~agglo_core.mesh.Mesh`, with counted repairs."""
+    """Arrays of a checked :class:`~agglo_core.mesh.Mesh`, and the number of repairs of each kind."""
 
     points: Float
     face_offsets: Int
@@ -46,7 +46,7 @@ class Faces(NamedTuple):
 
 
 def loops_as_csr(cells: Any) -> tuple[Int, Int]:
-    """Return offsets and vertices of loops given as a list, an (n, k) array or such a pair.
+    """Convert vertex loops to CSR, from a list, an ``(n, k)`` array, or offsets and vertices.
 
     Masked entries at the end of a row are padding, as in UGRID files.
     """
@@ -78,7 +78,7 @@ def loops_as_csr(cells: Any) -> tuple[Int, Int]:
 
 
 def drop_padding(loop: Any) -> Any:
-    """Return a loop without masked vertices at its end.
+    """Remove masked entries (padding) from the end of a vertex loop.
 
     Raises MeshError for other masked vertices.
     """
@@ -91,7 +91,7 @@ def drop_padding(loop: Any) -> Any:
 
 
 def _plane(points: Float) -> Float:
-    """Return points ``(n, 2)`` without a constant z.
+    """Return the points as ``(n, 2)``, after removal of a constant z coordinate.
 
     Raises MeshError for a surface in 3-D.
     """
@@ -159,7 +159,7 @@ def build_polygons(
 
 
 def drop_flat_cells(flat: Mask, measure: str, drop_flat: bool, own: Int | None = None) -> Int:
-    """Return the numbers of cells that are not flat.
+    """Return the indices of the cells that are not flat, that is, of nonzero area or volume.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def _orient_loops(
 
 
 def _check_coverage(points: Float, offsets: Int, vertices: Int, cell_numbers: Int) -> None:
-    """Raise MeshError for overlapping cells and for unlisted vertices on the edge of a neighbour."""
+    """Raise MeshError if cells overlap, or an edge contains a vertex of a neighbour."""
     import shapely
 
     centre = box_centre(points)
@@ -244,5 +244,5 @@ def _check_coverage(points: Float, offsets: Int, vertices: Int, cell_numbers: In
 
 
 def _close_loops(offsets: Int, vertices: Int) -> Int:
-    """Return the loop vertices, with each first vertex repeated at the end."""
+    """Return the vertices of loops that end with their first vertex, from loops without it."""
     return frozen_int(np.insert(vertices, offsets[1:], vertices[offsets[:-1]]))

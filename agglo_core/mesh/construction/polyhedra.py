@@ -1,4 +1,4 @@
-"""Build the faces of a 3-D mesh from polyhedra: half-faces are paired, turned outward, checked."""
+"""Build the faces of a 3-D mesh from polyhedra: orient, pair and check their half-faces."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _ROUNDING = 8  # units in the last place by which points may be off the edge or 
 def build_polyhedra(
     points: ArrayLike, cells: Any, merge_points: bool, drop_flat: bool
 ) -> tuple[Faces, Int, int]:
-    """Build faces from polyhedra given as loops.
+    """Build faces from polyhedra given by the vertex loops of their faces.
 
     Return them, the kept cells, and the number of given cells.
 
@@ -79,7 +79,10 @@ def build_polyhedra(
 def _orient_half_faces(
     points: Float, solids: Polyhedra, drop_flat: bool
 ) -> tuple[Int, Polyhedra, Float, Float]:
-    """Return cells with volume, their half-faces, area vectors, and the signs that turn these outward."""
+    """Drop cells without volume, and find the signs that turn the other half-faces outward.
+
+    Return the kept cells, their half-faces, the area vectors, and these signs.
+    """
     cell_numbers = drop_flat_cells(np.diff(solids.cell_offsets) == 0, "volume", drop_flat)
     if len(cell_numbers) < len(solids.cell_offsets) - 1:
         solids = take_cells(solids, cell_numbers)
@@ -115,7 +118,7 @@ def _orient_half_faces(
 
 
 def _simple(solids: Polyhedra, n_points: int) -> tuple[Polyhedra, int]:
-    """Remove repeated consecutive vertices and return the number of changed cells.
+    """Remove consecutive repeats of a vertex from face loops, and count the changed cells.
 
     Raises MeshError for a face that returns to a vertex.
     """
@@ -133,7 +136,10 @@ def _simple(solids: Polyhedra, n_points: int) -> tuple[Polyhedra, int]:
 
 
 def solids_as_csr(cells: Any) -> tuple[Int, Int, Int]:
-    """Return cell offsets, loop offsets and vertices of cells given as nested lists or as these three."""
+    """Convert polyhedra to cell offsets, face offsets and vertices.
+
+    The cells are given as nested lists, or already as these three arrays.
+    """
     if isinstance(cells, tuple) and len(cells) == 3 and any(isinstance(part, np.ndarray) for part in cells):
         a, b, c = cells
         return whole_numbers(a, "cell offsets"), whole_numbers(b, "face offsets"), whole_numbers(c, "cells")
@@ -152,7 +158,7 @@ def solids_as_csr(cells: Any) -> tuple[Int, Int, Int]:
 
 
 def _check_counts(solids: Polyhedra, numbers: Int | None = None) -> None:
-    """Raise MeshError for too few cells, faces or vertices.
+    """Raise MeshError for an empty mesh, cells with few faces, or faces with few vertices.
 
     ``numbers`` are cell numbers in messages.
     """
@@ -173,7 +179,7 @@ def _check_counts(solids: Polyhedra, numbers: Int | None = None) -> None:
 
 
 def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used_points: Int) -> tuple[Int, Int]:
-    """Pair half-faces by vertex set.
+    """Pair half-faces with the same vertex set into faces.
 
     Return the owner half-face of each face, and its partner or −1.
     """
@@ -191,7 +197,7 @@ def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used_points: Int) -> 
 
 
 def _pair_by_sorting(cell_of: Int, loop_offsets: Int, vertices: Int, used_points: Int) -> tuple[Int, Int]:
-    """Pair half-faces by sorting, as a replacement for the kernel in case of errors.
+    """Pair half-faces by sorting, or explain why three half-faces have equal vertices.
 
     Raises MeshError with the reason if three half-faces have equal vertices.
     """
@@ -219,7 +225,7 @@ def _pair_by_sorting(cell_of: Int, loop_offsets: Int, vertices: Int, used_points
 def _refuse_shared_face(
     cell_of: Int, loop_offsets: Int, vertices: Int, cells: list[int], face: list[int]
 ) -> NoReturn:
-    """Raise MeshError with the reason why a face cannot have these three or more cells."""
+    """Raise MeshError with the reason why three or more cells list the same face."""
     for cell in cells:
         if cells.count(cell) > 1:
             raise MeshError(f"cell {cell}: the same face twice")

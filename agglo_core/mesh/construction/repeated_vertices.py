@@ -1,4 +1,4 @@
-"""Remove repeated consecutive vertices: closed and padded rings, elements with repeated nodes."""
+"""Remove repeated consecutive vertices, as in closed or padded loops and collapsed elements."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_core.mesh.elements import Polyhedra, gather
 
 
 def simple_loops(offsets: Int, vertices: Int) -> tuple[Int, Int]:
-    """Remove from loops (CSR) each vertex that equals its successor, cyclically.
+    """Remove from vertex loops (CSR) each vertex that equals its cyclic successor.
 
     Examples
     --------
@@ -28,7 +28,7 @@ def simple_loops(offsets: Int, vertices: Int) -> tuple[Int, Int]:
 
 
 def simple_solids(solids: Polyhedra) -> Polyhedra:
-    """Remove repeated vertices from polyhedra, with the faces that lose their area.
+    """Remove repeated consecutive vertices from polyhedra, and the faces that thus lose their area.
 
     Faces with fewer than three vertices are dropped. In changed cells, pairs of faces with equal vertices
     (the two sides of a part without thickness) are also dropped.

@@ -1,4 +1,4 @@
-"""Orient polyhedron faces, with nested shells (cavities) and separate lumps."""
+"""Orient the faces of polyhedra that may have cavities (nested shells) or several components."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LINE = np.cross(*_PLANE.T)
 
 
 class _Surface(NamedTuple):
-    """Half-faces, with the sign that turns each away from the interior of its shell."""
+    """Half-faces, with the sign that orients each away from the interior of its closed shell."""
 
     loop_offsets: Int
     vertices: Int
@@ -105,7 +105,7 @@ def outward_signs(
 def _star_shaped(
     offsets: Int, halves: Int, loop_offsets: Int, vertices: Int, points: Float, vector: Float, eyes: Float
 ) -> Mask:
-    """Return the mask of cells where a line through the middle meets exactly one face on either side.
+    """Return the mask of cells where a line through the centre meets exactly one face on either side.
 
     All faces of these cells look away from the middle, or all towards it, so the line meets every shell
     around the middle. Cell c has the faces ``halves[offsets[c]:offsets[c + 1]]``; ``eyes`` are the projected
@@ -119,7 +119,7 @@ def _star_shaped(
 
 
 def _turns(offsets: Int, vertices: Int, projections: Float, loops: Int, eyes: Float) -> Int:
-    """Return the winding number of each loop about its own point in ``eyes``, seen along the line."""
+    """Return the winding number of each loop, projected along a line, about its point in ``eyes``."""
     starts, places = gather(offsets, loops)
     loop = np.repeat(np.arange(len(loops)), np.diff(starts))
     # Edges that cross the height of the point, closing edges included.
@@ -142,7 +142,7 @@ def _turns(offsets: Int, vertices: Int, projections: Float, loops: Int, eyes: Fl
 def _orient_shells(
     cell_of: Int, loop_offsets: Int, vertices: Int, points: Float, vector: Float, centre: Float
 ) -> Float:
-    """Return half-face signs that turn each shell away from its interior."""
+    """Return half-face signs that orient outer shells outward, and shells of cavities inward."""
     links, loose = _links(cell_of, loop_offsets, vertices, points, vector)
     patch, side = _two_sides(*links, len(cell_of))
     shell = _shells(patch, cell_of, *loose)
@@ -163,7 +163,7 @@ def _orient_shells(
 def _links(
     cell_of: Int, loop_offsets: Int, vertices: Int, points: Float, vector: Float
 ) -> tuple[tuple[Int, Int, Mask], tuple[Int, Int]]:
-    """Return adjacent half-face pairs around cell edges, and the mask of oppositely oriented pairs.
+    """Return half-face pairs that share a cell edge, and the mask of inconsistently oriented pairs.
 
     Also return the half-faces and vertices at edges with an odd number of faces (hanging vertices listed by
     some faces only).
@@ -210,7 +210,7 @@ def _units(vectors: Float) -> Float:
 
 
 def _two_sides(f: Int, g: Int, clash: Mask, n: int) -> tuple[Int, Float]:
-    """Return the patch of each face, and the sign that orients it like the patch's first face.
+    """Return the edge-connected patch of each face, and signs that orient each patch consistently.
 
     Faces f and g share an edge; where ``clash`` is True, one of them must turn. Each face is represented by
     two nodes, as listed and turned. The connected components are then the two orientations of each patch.
@@ -227,7 +227,7 @@ def _two_sides(f: Int, g: Int, clash: Mask, n: int) -> tuple[Int, Float]:
 
 
 def _shells(patch: Int, cell_of: Int, loops: Int, vertices: Int) -> Int:
-    """Return the shell of each face: its patch, joined with patches that share vertices of open edges."""
+    """Return the shell of each face: its patch, united with patches that share vertices of open edges."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -260,7 +260,7 @@ def _depths(surface: _Surface, shell: Int, cells: Int) -> Float:
 
 
 def _faces_in_line(surface: _Surface, test: Float, shell: Int, cells: Int) -> tuple[Int, Int]:
-    """Return (shell, face) pairs: faces of the cell's other shells whose box meets the shell's line."""
+    """Return pairs (shell, face) where the shell's test line meets the box of another shell's face."""
     import shapely
 
     several = np.bincount(cells)[cells] > 1
@@ -283,7 +283,7 @@ def _faces_in_line(surface: _Surface, test: Float, shell: Int, cells: Int) -> tu
 
 
 def _test_points(surface: _Surface, shell: Int, n: int) -> Float:
-    """Return a point ``(n, 3)`` per shell, in its largest face near the middle of the longest edge."""
+    """Return a test point ``(n, 3)`` per shell: in its largest face, near the longest edge's midpoint."""
     area = np.linalg.norm(surface.vector, axis=1)
     order = np.lexsort((area, shell))
     last = np.append(np.flatnonzero(np.diff(shell[order])), len(order) - 1)

@@ -21,7 +21,7 @@ _LAID = 3  # vertices of a tile that must lie on the edges of a warped face
 
 
 class Outer(NamedTuple):
-    """The m outer faces of a mesh, with their points relative to the bounding-box centre."""
+    """The m outer (boundary) faces of a mesh, with points relative to the bounding-box centre."""
 
     faces: Int  # (m,) numbers in the mesh
     used: Int  # numbers of their points in the mesh
@@ -35,7 +35,7 @@ class Outer(NamedTuple):
 
 
 class Contacts(NamedTuple):
-    """Contacts of outer faces.
+    """Pairs of outer faces that coincide at least partially, with coincident and hanging points.
 
     Faces and points are numbered as in :class:`Outer`.
     """
@@ -51,7 +51,7 @@ class Contacts(NamedTuple):
 
 
 def outer_faces(mesh: Derived) -> Outer:
-    """Return the faces of a mesh with a cell on one side only."""
+    """Return the outer faces of a mesh: those with a cell on one side only."""
     # Outer faces with compact point numbers.
     faces = frozen_int(np.flatnonzero(mesh.face_cells[:, 1] < 0))
     start = mesh.face_offsets[faces]
@@ -99,7 +99,7 @@ def facing_pairs(outer: Outer) -> Int:
 
 
 def _candidates(outer: Outer) -> Iterator[Int]:
-    """Yield close outer faces with opposite normals as pairs, from trees with centre and scaled normal."""
+    """Yield pairs of close outer faces with opposite normals, found by k-d trees."""
     from scipy.spatial import cKDTree
 
     real = np.flatnonzero(outer.measure > 0)
@@ -121,12 +121,12 @@ def _candidates(outer: Outer) -> Iterator[Int]:
 
 
 def find_contacts(outer: Outer, pairs: Int, reach: Float) -> Contacts:
-    """Return the contacts of pairs that coincide within ``reach (k,)``, a length per pair."""
+    """Return the face pairs that coincide within their distances ``reach (k,)``, with details."""
     return _edges(outer, pairs, reach) if outer.points.shape[1] == 2 else _plates(outer, pairs, reach)
 
 
 def _edges(outer: Outer, pairs: Int, reach: Float) -> Contacts:
-    """Return edge contacts: a common stretch longer than twice the reach, within reach at both ends."""
+    """Return edge pairs with a common segment longer than 2 ``reach`` and a gap within ``reach``."""
     # Common stretch in the coordinates of the first edge, and the gap at its ends.
     ends = outer.vertices.reshape(-1, 2)
     i, j = pairs.T
@@ -163,7 +163,7 @@ def _edges(outer: Outer, pairs: Int, reach: Float) -> Contacts:
 
 
 def _coordinates_along_edges(outer: Outer, edge: Int, vertices: Int) -> tuple[Float, Float]:
-    """Return coordinates of the points ``vertices (k, n)`` along each edge, and distances from its line."""
+    """Return tangential and normal coordinates of points ``vertices (k, n)`` relative to each edge."""
     normal = outer.normal[edge][:, None]
     step = outer.points[vertices] - outer.points[outer.vertices[2 * edge]][:, None]
     position = step[..., 1] * normal[..., 0] - step[..., 0] * normal[..., 1]
@@ -171,7 +171,7 @@ def _coordinates_along_edges(outer: Outer, edge: Int, vertices: Int) -> tuple[Fl
 
 
 def _plates(outer: Outer, pairs: Int, reach: Float) -> Contacts:
-    """Return face contacts: equal vertices, coplanar faces with a common area, tiles of warped faces."""
+    """Return contacts of 3-D faces: equal vertices, overlap of coplanar faces, tiles of warped faces."""
     # Count the vertices at a common location.
     row, first, second = _all_vertex_pairs(outer, pairs)
     gap = np.linalg.norm(outer.points[first] - outer.points[second], axis=1)
@@ -207,7 +207,7 @@ def _plates(outer: Outer, pairs: Int, reach: Float) -> Contacts:
 
 
 def _lifts(outer: Outer, ordered: Int, row: Int, first: Int, second: Int) -> tuple[Float, Float]:
-    """Return the largest vertex distances from the larger face's mean plane.
+    """Return the largest distance of vertices from the mean plane of each pair's larger face.
 
     The first array is for both faces, the second for the larger face alone.
     """
@@ -244,7 +244,7 @@ def _on_edges(outer: Outer, ordered: Int, reach: Float) -> Int:
 
 
 def _all_vertex_pairs(outer: Outer, pairs: Int) -> tuple[Int, Int, Int]:
-    """Combine all vertices of both faces in each pair: pair number, first vertex, second vertex."""
+    """Combine all vertices of both faces in each pair: pair index, first vertex, second vertex."""
     offsets, places = gather(outer.offsets, frozen_int(pairs[:, 0]))
     row = np.repeat(np.arange(len(pairs)), np.diff(offsets))
     ends, partner_places = gather(outer.offsets, frozen_int(pairs[row, 1]))
@@ -257,7 +257,7 @@ def _all_vertex_pairs(outer: Outer, pairs: Int) -> tuple[Int, Int, Int]:
 
 
 def _shares(outer: Outer, pairs: Int, normal: Float) -> Float:
-    """Return the shares ``(k, 2)`` of two faces that the other covers, seen along ``normal (k, 3)``."""
+    """Return the overlap of two faces, as fractions ``(k, 2)``, seen along ``normal (k, 3)``."""
     import shapely
 
     if not len(pairs):

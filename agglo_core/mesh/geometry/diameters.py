@@ -1,4 +1,4 @@
-"""Compute diameters of cell blocks: the largest distance between two of their vertices."""
+"""Compute diameters of blocks of cells: the largest distance between two of their vertices."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _NEAR = 1e-12  # relative distance from a limit within which bounds may be wrong
 
 
 def diameters_of(offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index, points: Float) -> Float:
-    """Return the diameter ``(B,)`` per block.
+    """Return the diameter ``(B,)`` of each block, a set of cells.
 
     Block b is ``cells[offsets[b]:offsets[b + 1]]``.
 
@@ -46,7 +46,7 @@ def diameters_of(offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index,
 def compared_diameters(
     offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index, points: Float, limits: Float
 ) -> Float:
-    """Return values on the same side of each increasing limit in ``limits (k,)`` as the diameters.
+    """Approximate block diameters, closely enough to compare them with increasing ``limits (k,)``.
 
     The values are exact near a limit, lower bounds elsewhere, and infinite beyond the last limit. This is
     many times faster than :func:`diameters_of`.
@@ -74,7 +74,7 @@ def compared_diameters(
 def wide_parts(
     labels: Int, asked: Mask, limit: float, vertex_offsets: Int, vertices: Index, points: Float
 ) -> Mask:
-    """Return the mask of parts wider than ``limit``, among the parts ``asked (k,)``.
+    """Return the mask of parts with a diameter above ``limit``, among the parts ``asked (k,)``.
 
     The labels ``(n,)`` are below k.
 
@@ -135,7 +135,7 @@ def _mark_wide_blocks(
     centres: Float,
     limit: float,
 ) -> Mask:
-    """Return the mask of blocks with ``centres (blocks, 2)`` wider than ``limit``."""
+    """Return the mask of blocks with a diameter above ``limit``, from box centres ``(blocks, 2)``."""
     from agglo_core.compiled.widths import wide_blocks
 
     def test_range(start: int, stop: int) -> Mask:

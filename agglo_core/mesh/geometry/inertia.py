@@ -78,6 +78,6 @@ def _face_inertias(points: Float, offsets: Int, vertices: Int, vectors: Float, c
 
 
 def _dots(a: Float, b: Float) -> Float:
-    """Return inner products of rows ``(n,)``, many times faster than sums over a short axis."""
+    """Return the inner products of corresponding rows ``(n,)``, faster than sums over a short axis."""
     found: Float = np.einsum("ij,ij->i", a, b)
     return found

@@ -1,4 +1,4 @@
-"""Compute cell boundary loops in 2-D meshes."""
+"""Compute the boundary of 2-D cells as closed vertex loops."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.threads import over_ranges
 
 
 class Loops(NamedTuple):
-    """Boundary loops per cell.
+    """Boundary of each 2-D cell as closed vertex loops.
 
     Cell c owns loops ``cell_offsets[c]:cell_offsets[c + 1]``; loop l owns
     ``vertices[loop_offsets[l]:loop_offsets[l + 1]]``. The cell lies on the left of each loop: outer
@@ -46,7 +46,7 @@ def faces_of_cells(face_cells: Int, n_cells: int) -> tuple[Int, Int]:
 
 
 def loops_of_cells(points: Float, offsets: Int, faces: Int, face_pairs: Int, face_cells: Int) -> Loops:
-    """Return the boundary loops of all cells from the arrays of a 2-D mesh."""
+    """Return the boundary loops of all cells of a 2-D mesh, given by its arrays."""
     from agglo_core.mesh.kernels.faces import chain_loops
 
     vertices = np.empty(len(faces), np.int64)
@@ -64,7 +64,7 @@ def loops_of_cells(points: Float, offsets: Int, faces: Int, face_pairs: Int, fac
 
 
 def _join_offsets(offsets: Sequence[Int]) -> Int:
-    """Join the offsets of consecutive lists."""
+    """Concatenate CSR offsets of consecutive arrays into offsets of the joined array."""
     before = np.cumsum([0, *(part[-1] for part in offsets)])
     later = [part[1:] + start for part, start in zip(offsets[1:], before[1:], strict=False)]
     return frozen_int(np.concatenate((offsets[0], *later)) if later else offsets[0])

@@ -1,4 +1,4 @@
-"""Compute geometry and neighbours of 2-D cells in one pass, because cache misses dominate such passes."""
+"""Compute geometry and neighbours of 2-D cells in one pass, to limit cache misses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.threads import over_ranges
 
 
 class Neighbours(NamedTuple):
-    """Cells with common faces, in both directions, and the measure of outer faces.
+    """Neighbours of each cell with interface measures, and the boundary measure of each cell.
 
     The neighbours of cell c are ``indices[indptr[c]:indptr[c + 1]]``, each once. ``interface`` is the total
     measure of the faces shared with that neighbour, ``boundary (n_cells,)`` that of outer faces.
@@ -36,7 +36,7 @@ class PlaneCells(NamedTuple):
 
 
 def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -> PlaneCells:
-    """Compute the cell geometry from the arrays of a 2-D mesh."""
+    """Compute geometry and neighbours of the cells of a 2-D mesh, given by its arrays."""
     from agglo_core.mesh.kernels import plane_cells as kernels
 
     # Allocate for all half-edges; each thread fills the ranges of its cells.
@@ -80,7 +80,7 @@ def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -
 
 
 def _half_edges(face_pairs: Int, face_cells: Int, n_cells: int) -> tuple[Int, NDArray[np.int32]]:
-    """Sort half-edges by cell.
+    """Sort the half-edges (an edge as seen from one cell) by cell.
 
     Return the cell starts, and tail, head, opposite cell and ownership of each.
     """

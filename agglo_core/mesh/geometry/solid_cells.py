@@ -20,7 +20,7 @@ def face_moments(points: Float, offsets: Int, vertices: Int) -> tuple[Float, Flo
 
 
 def sum_by(groups: Int, values: Float, n: int) -> Float:
-    """Return group sums ``(n, d)`` of the rows ``values (m, d)``."""
+    """Sum the rows ``values (m, d)`` over groups, ``(n, d)``."""
     columns = [np.bincount(groups, weights=column, minlength=n) for column in values.T]
     return np.stack(columns, axis=1)
 
@@ -28,7 +28,7 @@ def sum_by(groups: Int, values: Float, n: int) -> Float:
 def polyhedron_moments(
     vector: Float, centre: Float, face_cells: Int, offsets: Int, faces: Int
 ) -> tuple[Float, Float]:
-    """Return volumes and centroids by the divergence theorem, with pyramids over each cell's faces."""
+    """Return volumes and centroids by the divergence theorem, from pyramids over each cell's faces."""
     n = len(offsets) - 1
     cells = np.repeat(np.arange(n), np.diff(offsets))
     sign = np.where(face_cells[faces, 0] == cells, 1.0, -1.0)

@@ -1,1 +1,1 @@
-"""Mesh kernels: faces, loops, edge chains, cell geometry."""
+"""Compiled loops for meshes: faces, boundary loops, edge chains, cell geometry."""

@@ -1,4 +1,4 @@
-"""Test 2-D cells, given by segments with the cell on their left, for overlap and inversion."""
+"""Test 2-D cells for self-intersection and inversion, given by segments with the cell on their left."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _FLAT = 1e-12  # relative to the product of two lengths: tolerance for zero area
 
 @helper
 def _side(points, a, b, c):
-    """Return the side of c relative to ab: 1 left, −1 right, 0 on the line (up to rounding)."""
+    """Return the side of line ab on which c lies: 1 left, −1 right, 0 on the line up to rounding."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
     area = ux * vy - uy * vx
@@ -33,7 +33,7 @@ def _same_way(points, a, b, c):
 
 @helper
 def _is_between(points, a, b, c):
-    """Return True if c, on the line ab, lies between a and b."""
+    """Return True if c, a point on the line ab, lies between a and b."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     along = ux * (points[c, 0] - points[a, 0]) + uy * (points[c, 1] - points[a, 1])
     return 0.0 <= along <= ux * ux + uy * uy
@@ -41,7 +41,7 @@ def _is_between(points, a, b, c):
 
 @helper
 def _meet(points, a, b, c, d):
-    """Return True if the segments ab and cd have more in common than an end of both."""
+    """Return True if the segments ab and cd have more in common than one end point."""
     # 1. Two common ends: the same segment. One common end: check if the other ends lie in the same direction.
     if (a == c and b == d) or (a == d and b == c):
         return True
@@ -67,13 +67,13 @@ def _meet(points, a, b, c, d):
 
 @helper
 def _row(y, low, height, n_rows):
-    """Return the row of height y among ``n_rows`` rows between ``low`` and ``low + height``."""
+    """Return the index of the horizontal strip at height y, of ``n_rows`` strips from ``low`` up."""
     return min(max(np.int64((y - low) / height * n_rows), 0), n_rows - 1) if height > 0.0 else 0
 
 
 @helper(allocates=True)
 def _sort_into_rows(points, tails, heads, begin, end):
-    """Return a cell's segments per row as CSR, and its lowest coordinate and height.
+    """Sort a cell's segments into horizontal strips (CSR), and return its lowest y and its height.
 
     n segments use √n rows (one row for few segments), so that rows of short segments have about √n entries.
     """
@@ -149,7 +149,7 @@ def _is_inverted(points, tails, heads, begin, end):
 
 @kernel
 def mark_crossings(points, offsets, tails, heads, chains, cells, bad):
-    """Mark segment chains that cross others of their cell, or all chains of an inverted cell.
+    """Mark edge chains that cross another chain of their cell, and all chains of inverted cells.
 
     Cell c has the segments ``offsets[c]`` to ``offsets[c + 1]``, sorted by their smallest x, each from a
     point in ``tails`` to a point in ``heads`` with the cell on its left. Each segment belongs to one of the

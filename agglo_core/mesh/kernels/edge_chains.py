@@ -9,7 +9,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @helper
 def _bend(points, a, b, c):
-    """Return the cosine of the turn from ab to bc: 1 straight on, −1 reversal."""
+    """Return the cosine of the angle between ab and bc: 1 if straight, −1 at a reversal."""
     product, first, second = 0.0, 0.0, 0.0
     for k in range(points.shape[1]):
         u, v = points[b, k] - points[a, k], points[c, k] - points[b, k]
@@ -42,7 +42,7 @@ def _sharpest_turn(points, ends, at, e, v):
 
 @helper
 def _walk(ends, at, joint, e, v, visited, edges, vertices, n_edges, n_chains):
-    """Write the chain from v along edge e, and return the total number of edges written.
+    """Trace one chain that leaves v along edge e, and return the total number of edges written.
 
     A chain has one vertex more than edges, so vertices are ``n_chains`` positions ahead. The chain ends at a
     vertex that is no joint, or at its first edge.
@@ -61,7 +61,7 @@ def _walk(ends, at, joint, e, v, visited, edges, vertices, n_edges, n_chains):
 
 @kernel
 def walk_chains(points, ends, joint, at):
-    """Trace chains of edges ``ends (E, 2)`` through the vertices ``joint``, whose two edges are ``at``.
+    """Trace chains of edges ``ends (E, 2)`` through the vertices ``joint``, which have two edges ``at``.
 
     ``joint (n_points,)`` is a mask, ``at`` has a row per point. Chain c has
     ``edges[offsets[c]:offsets[c + 1]]`` and one vertex more; a closed chain begins and ends at its sharpest
@@ -108,7 +108,7 @@ def _distance(points, p, a, b):
 
 @helper
 def _farthest_vertex(points, vertices, i, j):
-    """Return position and squared distance of the vertex between i and j farthest from the segment."""
+    """Return index and squared distance of the vertex between i and j farthest from the segment."""
     place, most = -1, -1.0
     for k in range(i + 1, j):
         d = _distance(points, vertices[k], vertices[i], vertices[j])
@@ -119,7 +119,7 @@ def _farthest_vertex(points, vertices, i, j):
 
 @helper
 def _split(points, vertices, i, j, limit, keep, stack):
-    """Mark vertices between positions i and j by the Douglas-Peucker algorithm.
+    """Mark the vertices to keep between indices i and j by the Douglas-Peucker algorithm.
 
     The vertex farthest from the segment is kept if its squared distance exceeds ``limit``; both halves are
     then processed. ``stack`` holds the pending intervals.
@@ -138,7 +138,7 @@ def _split(points, vertices, i, j, limit, keep, stack):
 
 @helper
 def _sweep(points, vertices, i, j, limit, keep):
-    """Remove marked vertices between i and j that are superfluous, as on straight runs entered midway."""
+    """Remove marked vertices between i and j that are superfluous for the distance limit."""
     # ``candidate`` is the last marked vertex, between its marked predecessor ``before`` and the next marked
     # vertex k. It is removed if the segment from ``before`` to k stays within the limit of all vertices
     # between.
@@ -155,7 +155,7 @@ def _sweep(points, vertices, i, j, limit, keep):
 
 @helper
 def _remove_if_superfluous(points, vertices, i, j, position, limit, keep):
-    """Remove the vertex at ``position`` of a closed chain if it is superfluous and three vertices remain."""
+    """Remove a vertex of a closed chain if the limit permits it and three vertices remain."""
     before, after, count = position - 1, position + 1, 0
     while not keep[before]:
         before -= 1
@@ -169,7 +169,7 @@ def _remove_if_superfluous(points, vertices, i, j, position, limit, keep):
 
 @kernel
 def thin_chains(points, offsets, vertices, limits, chains, keep):
-    """Mark in ``keep`` the vertices that chains need to stay within ``limits`` of all their vertices.
+    """Mark in ``keep`` the vertices that keep thinned chains within ``limits`` of the removed vertices.
 
     The vertices of chain c are at ``offsets[c] + c`` to ``offsets[c + 1] + c``. A closed chain keeps at least
     three. ``limits (n,)`` are lengths, one per chain; ``keep`` has an entry per position in ``vertices`` and

@@ -9,7 +9,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @helper
 def _half_cross(points, a, b, c, vector):
-    """Write the area vector of a triangle."""
+    """Compute the area vector of a triangle, half the cross product of two sides."""
     ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
     vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
     vector[0], vector[1], vector[2] = (
@@ -58,7 +58,7 @@ def loop_moments(points, offsets, vertices):
 
 @kernel
 def loops_with_repeats(offsets, vertices, n_points):
-    """Return the mask of loops that repeat a point."""
+    """Return the mask of vertex loops that visit a vertex twice."""
     latest = np.full(n_points, -1, np.int64)  # last loop with this point
     repeated = np.zeros(len(offsets) - 1, np.bool_)
     for f in range(len(repeated)):

@@ -1,4 +1,4 @@
-"""Sum over faces of 2-D cells in one pass, to check that cells are closed."""
+"""Sum areas and vertex hashes over the faces of 2-D cells, to check that cells are closed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _SHIFT_1, _SHIFT_2, _SHIFT_3 = np.uint64(30), np.uint64(27), np.uint64(31)  # sh
 
 @helper
 def _random_number(vertex):
-    """Return the hash of a vertex number, as :func:`agglo_core.arrays.splitmix`."""
+    """Return a pseudo-random hash of a vertex index, as :func:`agglo_core.arrays.splitmix`."""
     z = np.uint64(vertex) + _STEP
     z = (z ^ (z >> _SHIFT_1)) * _MIX
     z = (z ^ (z >> _SHIFT_2)) * _LAST
@@ -22,7 +22,7 @@ def _random_number(vertex):
 
 @kernel
 def add_faces(points, face_vertices, face_cells, gap, area):
-    """Add the faces of a 2-D mesh to their cell sums and return the bounding box.
+    """Add the faces of a 2-D mesh to the sums of their cells, and return the bounding box.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Topology kernels of 2-D meshes: from cell loops to faces, and from faces to cells."""
+"""Topology of 2-D meshes: from vertex loops of cells to faces, and from faces to loops."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FEW = 24
 
 @kernel
 def match_half_edges(offsets, vertices, n_points):
-    """Pair directed edges into faces, for counter-clockwise cells.
+    """Pair the half-edges of counter-clockwise cells into faces.
 
     Returns face vertices (F, 2), face cells (F, 2), the cell pairs (D, 2) that traverse an edge in the same
     direction (they overlap; each keeps its own face), and the first edge with a third cell as (a, b, its
@@ -76,7 +76,7 @@ def match_half_edges(offsets, vertices, n_points):
 
 @kernel
 def cell_faces(face_cells, first, places, faces):
-    """Write face numbers from ``first`` on to their cells, or only count them if ``faces`` is empty.
+    """Write faces, from ``first`` on, to the lists of their cells, or only count if ``faces`` is empty.
 
     The next face of cell c is written to ``faces[places[c]]``, and ``places[c]`` is incremented.
     """
@@ -92,7 +92,7 @@ def cell_faces(face_cells, first, places, faces):
 
 @helper
 def _next_edge(points, start, end, first, link, visited, h, seed):
-    """Return the leftmost edge that continues edge h.
+    """Return the edge that continues edge h with the sharpest left turn.
 
     The loop thus stays at the same corner of the cell.
 
@@ -117,7 +117,7 @@ def _next_edge(points, start, end, first, link, visited, h, seed):
 
 @helper
 def _follow_loop(start, end, size, walk):
-    """Return True if the edges are one loop without repeated vertices, and write its vertices."""
+    """Trace the edges of a cell, and return True if they form one loop without repeated vertices."""
     h = 0
     for k in range(size):
         walk[k] = start[h]
@@ -131,7 +131,7 @@ def _follow_loop(start, end, size, walk):
 
 @kernel
 def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, loops):
-    """Chain the edges of the cells ``first_cell``, ... to closed loops, each with the cell on its left.
+    """Chain the edges of cells, from ``first_cell`` on, to closed loops with the cell on their left.
 
     No loop repeats a vertex. Cell ``first_cell + c`` has ``faces[offsets[c]:offsets[c + 1]]``. Vertices are
     written to ``loops``, with space for one per face. Returns the number of loops per cell (n + 1,) as

@@ -1,4 +1,4 @@
-"""Pair half-edges of 2-D cells into faces, for meshes where every edge has one or two consistent cells.
+"""Pair half-edges of 2-D cells into faces, if every edge has one cell, or one on each side.
 
 ``match_half_edges`` handles all other meshes. Here the half-edges are first sorted into buckets of points
 that fit into a cache. The caller allocates the largest arrays, see
@@ -20,7 +20,9 @@ Larger buckets exceed the cache, smaller buckets are more (benchmarks/building.p
 
 @kernel
 def to_buckets(offsets, vertices, first, places, edges):
-    """Write (lower end, upper end, half-edge, cell) of cells ``first``, ... to buckets of lower ends.
+    """Sort the half-edges of cells, from ``first`` on, into buckets by their lower vertex index.
+
+    An entry is (lower end, upper end, half-edge, cell).
 
     The next entry of bucket b is written to ``edges[places[b]]``, and ``places[b]`` is incremented. If
     ``edges`` is empty, entries are only counted. The upper end is stored as ~upper if the half-edge starts
@@ -40,7 +42,7 @@ def to_buckets(offsets, vertices, first, places, edges):
 
 @kernel
 def pair_half_edges(edges, bounds, first, beyond):
-    """Write the cell across each half-edge of counter-clockwise cells.
+    """Find the cell across each half-edge, for counter-clockwise cells.
 
     It is −1 outside, and −2 at the second half-edge of a pair.
 
@@ -81,7 +83,7 @@ def pair_half_edges(edges, bounds, first, beyond):
 
 @kernel
 def number_faces(offsets, vertices, beyond, first, face_vertices, face_cells):
-    """Write face vertices and face cells for cells ``first``, ..., in the order in which cells meet faces.
+    """Number the faces of cells ``first``, ... in order of first visit, and write their vertices and cells.
 
     Cell ``first + c`` has the half-edges ``offsets[c]:offsets[c + 1]``. Half-edges with ``beyond`` ≥ −1 are
     faces; the output has space for these only.

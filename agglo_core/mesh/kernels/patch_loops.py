@@ -1,4 +1,4 @@
-"""Trace the outlines of flat face patches: the boundary edges of each patch as one loop, if possible."""
+"""Trace the boundary of flat face patches as one closed loop, where possible."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_core.compiled.compiling import kernel
 
 @kernel
 def outlines(offsets, tails, heads, n_points):
-    """Return each patch's boundary vertices in order, and a flag for simple loops.
+    """Return the boundary vertices of each patch in order, and True where they form one simple loop.
 
     The edges of patch p, in any order, are ``offsets[p]`` to ``offsets[p + 1]``, each from a point in
     ``tails`` to a point in ``heads``. A patch without edges is no simple loop, and the vertices of such

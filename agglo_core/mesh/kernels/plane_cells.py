@@ -18,7 +18,7 @@ _SHORT = 16
 
 @kernel
 def half_edges(face_vertices, face_cells, places, edges):
-    """Write (tail, head, opposite cell, ownership flag) for each cell's faces, in face order.
+    """Write (tail, head, opposite cell, ownership flag) of each cell's edges, in face order.
 
     The next entry of cell c is written to ``edges[places[c]]``, and ``places[c]`` is incremented. If
     ``edges`` is empty, entries are only counted.

@@ -1,4 +1,4 @@
-"""Detect polygon faults: repeated or touching vertices, zero area, crossing edges."""
+"""Detect invalid polygons: repeated or touching vertices, zero area, crossing edges."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _crosses(points, a, b, c, d):
 
 @helper
 def _is_convex(points, vertices, start, stop):
-    """Return True if all turns have the same direction and the boundary winds once.
+    """Return True if all turns of a polygon have the same direction and its boundary winds once.
 
     Such a boundary cannot cross itself.
     """
@@ -70,7 +70,7 @@ def _is_convex(points, vertices, start, stop):
 
 @helper
 def _loop_fault(points, loop):
-    """Return the fault of a non-convex loop: repeated vertex, crossing edges, fold."""
+    """Return the fault of a non-convex polygon as a code: repeated vertex, fold, crossing edges, or none."""
     m = len(loop)
     # 1. Repeated vertices.
     for i in range(m):
@@ -96,7 +96,7 @@ def _loop_fault(points, loop):
 
 @kernel
 def plain_faults(points, offsets, vertices, weak):
-    """Return signed area and fault code per polygon.
+    """Return signed area and fault code of each polygon, without a full test of non-convex ones.
 
     Non-convex polygons are only marked as such.
 
@@ -131,7 +131,7 @@ def plain_faults(points, offsets, vertices, weak):
 
 @kernel
 def loop_faults(points, offsets, vertices, cells):
-    """Return the fault code of each polygon in ``cells``, which are not convex."""
+    """Return the fault code of each non-convex polygon in ``cells``."""
     fault = np.empty(len(cells), np.int64)
     for k in range(len(cells)):
         fault[k] = _loop_fault(points, vertices[offsets[cells[k]] : offsets[cells[k] + 1]])
@@ -139,7 +139,10 @@ def loop_faults(points, offsets, vertices, cells):
 
 
 def check_polygons(points: Float, offsets: Int, vertices: Int, weak: bool) -> tuple[Float, Int]:
-    """Return signed area and fault code per polygon with 3 or more vertices (weak: it may touch itself)."""
+    """Return signed area and fault code of each polygon.
+
+    Polygons have three or more vertices. If ``weak``, they may touch themselves.
+    """
     results = over_ranges(
         lambda start, stop: plain_faults(points, offsets[start : stop + 1], vertices, weak), len(offsets) - 1
     )

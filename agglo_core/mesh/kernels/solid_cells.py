@@ -1,4 +1,4 @@
-"""Kernels for polyhedra given by faces: vertices, closed surfaces, shared faces, element rotations."""
+"""Compiled loops for polyhedra: vertices, closedness of surfaces, face pairing, element rotations."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
 
 @kernel
 def surfaces(offsets, vector, centre):
-    """Sum areas, area vectors and fluxes over each cell's half-faces.
+    """Sum areas, area vectors and fluxes over the faces of each cell.
 
     Cell c has the half-faces ``offsets[c]:offsets[c + 1]``. ``vector`` and ``centre (h, 3)`` are the area
     vector a and the centre x of each half-face. With M the mean of a cell's centres, the flux of x - M
@@ -87,7 +87,7 @@ def surfaces(offsets, vector, centre):
 
 @kernel
 def pair_half_faces(offsets, vertices, n_points):
-    """Pair loops with equal vertex sets: the first gets the second's number, the second −2.
+    """Pair loops with equal vertex sets: the first gets the index of the second, the second −2.
 
     A loop without partner gets −1. If three loops have the same vertices, the result is empty. Loops repeat
     no point; loop f has ``vertices[offsets[f]:offsets[f + 1]]``.
@@ -129,7 +129,9 @@ def pair_half_faces(offsets, vertices, n_points):
 
 @kernel
 def first_turns(first, second, owns_face, places, ranks):
-    """Return the first rotation of each cell that lists its own faces in element order, or −1.
+    """Return for each cell the first rotation in which its own faces have the element's order, or −1.
+
+    A cell has −1 if no rotation fits. It owns the faces whose normal points out of it.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""Simplify meshes: merge straight edge chains and flat face patches into single faces."""
+"""Simplify meshes: merge chains of collinear edges and coplanar faces into single faces."""

@@ -1,4 +1,4 @@
-"""Chains of edges through vertices without other edges, and their thinning."""
+"""Chains of edges through vertices of degree two, and the removal of superfluous vertices from them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 
 
 class Chains(NamedTuple):
-    """Edge chains.
+    """Chains of consecutive edges, as CSR.
 
     Chain c has ``edges[offsets[c]:offsets[c + 1]]`` and one vertex more, in order.
 
@@ -29,28 +29,31 @@ class Chains(NamedTuple):
 
     @property
     def of_edges(self) -> Int:
-        """Chain of each position in ``edges``."""
+        """Index of the chain that contains each entry of ``edges``."""
         return frozen_int(np.repeat(np.arange(self.n), np.diff(self.offsets)))
 
     @property
     def before(self) -> Int:
-        """Position in ``vertices`` of the vertex before each edge."""
+        """Index into ``vertices`` of the vertex before each edge."""
         return frozen_int(np.arange(len(self.edges)) + self.of_edges)
 
     def thin(self, points: Float, limits: Float, chains: Int, keep: Mask) -> None:
-        """Mark the vertices that chains need to stay within ``limits (n,)`` of their removed vertices."""
+        """Mark the vertices that keep thinned chains within ``limits (n,)`` of the removed vertices."""
         from agglo_core.mesh.kernels.edge_chains import thin_chains
 
         thin_chains(points, self.offsets, self.vertices, frozen_float(limits), frozen_int(chains), keep)
 
     def runs(self, keep: Mask) -> Int:
-        """Return for each position in ``edges`` the number of its new edge after vertices are removed."""
+        """Return for each entry of ``edges`` the index of the merged edge that replaces it."""
         begins = keep[self.before]
         return frozen_int(np.cumsum(begins) - 1)
 
 
 def ends_at(ends: Int, n_points: int) -> tuple[Mask, Int]:
-    """Return the mask of vertices with exactly two edges in ``(E, 2)``, and these edges ``(n_points, 2)``."""
+    """Find the vertices of degree two among edges ``(E, 2)``, and their two edges ``(n_points, 2)``.
+
+    Return the mask of these vertices, and their edges.
+    """
     order = np.argsort(ends.ravel(), kind="stable")
     count = np.bincount(ends.ravel(), minlength=n_points)
     first = np.cumsum(count) - count
@@ -61,7 +64,7 @@ def ends_at(ends: Int, n_points: int) -> tuple[Mask, Int]:
 
 
 def chains_of(points: Float, ends: Int, joint: Mask, at: Int) -> Chains:
-    """Trace chains of edges ``(E, 2)`` through the vertices ``joint``, whose two edges are ``at``."""
+    """Trace chains of edges ``(E, 2)`` through the vertices ``joint``, which have two edges ``at``."""
     from agglo_core.mesh.kernels.edge_chains import walk_chains
 
     return Chains(*map(frozen_int, walk_chains(points, ends, joint, at)))

@@ -1,4 +1,7 @@
-"""Simplify 2-D meshes by thinning edge chains between two cells while all cells remain polygons."""
+"""Simplify 2-D meshes: remove vertices from the edge chains between two cells.
+
+All cells remain valid polygons.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ _LEAST = 0.5  # fraction of its measure that a cell keeps; smaller: fewer faces 
 
 
 def fewer_edges(mesh: Derived, tags: Mapping[str, Int], tolerance: float) -> Fewer:
-    """Remove vertices of a 2-D mesh that are unnecessary within ``tolerance`` times h.
+    """Remove vertices of a 2-D mesh that are superfluous within ``tolerance`` times the cell diameter.
 
     Chains end where more than two edges meet and where a tag changes. Chains on the boundary are thinned only
     where they are straight, others within the tolerance times the diameter of the smaller cell.
@@ -48,14 +51,14 @@ def fewer_edges(mesh: Derived, tags: Mapping[str, Int], tolerance: float) -> Few
 
 
 def _directed_edges(mesh: Derived) -> tuple[Int, Int]:
-    """Return edge tails and heads such that the cell with the larger number is on the left."""
+    """Orient the edges such that the cell with the larger index is on the left, as tails and heads."""
     owner, other = mesh.face_cells.T
     pairs = np.where((owner > other)[:, None], mesh.face_pairs, mesh.face_pairs[:, ::-1])
     return frozen_int(pairs[:, 0]), frozen_int(pairs[:, 1])
 
 
 def _joints(mesh: Derived, tails: Int, heads: Int, tags: Mapping[str, Int]) -> tuple[Mask, Int]:
-    """Return vertices where exactly two edges with equal cells on each side and equal tags meet."""
+    """Find vertices that join exactly two edges with equal tags between the same two cells."""
     joint, at = ends_at(mesh.face_pairs, mesh.n_points)
     points = np.flatnonzero(joint)
     first, second = at[points].T
@@ -81,7 +84,10 @@ def _ends(chains: Chains, keep: Mask) -> tuple[Int, Int]:
 def _thin_within(
     mesh: Derived, chains: Chains, tolerance: float, exact: Float, keep: Mask, tails: Int
 ) -> int:
-    """Thin chains between two cells within a tolerance, and count the chains with a reduced tolerance."""
+    """Thin edge chains within a tolerance that is reduced where cells would become invalid.
+
+    Return the number of chains with a reduced tolerance.
+    """
     first = chains.edges[chains.offsets[:-1]]
     cells = mesh.face_cells[first]
     inner = cells[:, 1] >= 0
@@ -101,7 +107,7 @@ def _thin_within(
 
 
 def _chains_of_invalid_cells(mesh: Derived, chains: Chains, keep: Mask, tails: Int, doubtful: Int) -> Mask:
-    """Return the mask of chains that make a cell invalid.
+    """Return the mask of edge chains whose thinning makes a cell invalid.
 
     Invalid cells cross themselves, are inverted, or have less than half their measure.
     """

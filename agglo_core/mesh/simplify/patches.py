@@ -28,7 +28,7 @@ class _Loops(NamedTuple):
 
 
 def fewer_faces(mesh: Derived, tags: Mapping[str, Int]) -> Fewer:
-    """Merge flat face patches between two cells with equal tags, and straight edges.
+    """Merge coplanar faces between the same two cells, and then collinear edges.
 
     Patches with holes and self-touching patches are not merged, because faces are single loops.
     """
@@ -39,14 +39,14 @@ def fewer_faces(mesh: Derived, tags: Mapping[str, Int]) -> Fewer:
 
 
 def _heads(offsets: Int, vertices: Int) -> Int:
-    """Return the vertex after each loop vertex."""
+    """Return the next vertex along the loop for each loop vertex."""
     heads = np.roll(vertices, -1)
     heads[offsets[1:] - 1] = vertices[offsets[:-1]]
     return frozen_int(heads)
 
 
 def _merge_patches(mesh: Derived, tags: Mapping[str, Int]) -> _Loops:
-    """Return patches as loops where possible, and all other faces."""
+    """Merge each flat patch whose boundary is one simple loop, and keep all other faces."""
     from agglo_core.mesh.kernels.patch_loops import outlines
 
     # Group the faces into patches; edges between faces of a patch are inner.
@@ -72,7 +72,7 @@ def _merge_patches(mesh: Derived, tags: Mapping[str, Int]) -> _Loops:
 
 
 def _twins(tails: Int, heads: Int, n_points: int) -> tuple[Int, Int]:
-    """Return pairs of half-edges, for edges with exactly two faces."""
+    """Return the pairs of half-edges at edges with exactly two faces."""
     key = np.minimum(tails, heads) * n_points + np.maximum(tails, heads)
     order = np.argsort(key, kind="stable")
     start = np.flatnonzero(np.append(True, np.diff(key[order]) != 0))
@@ -81,7 +81,7 @@ def _twins(tails: Int, heads: Int, n_points: int) -> tuple[Int, Int]:
 
 
 def _join_outlines(mesh: Derived, patch: Int, around: Int, outline: Int, whole: Mask) -> _Loops:
-    """Join the outlines of merged patches and all other faces."""
+    """Concatenate the boundary loops of merged patches and the loops of all other faces."""
     alone = np.flatnonzero(~whole[patch])
     sizes = np.diff(mesh.face_offsets)
     is_alone = np.zeros(mesh.n_faces, bool)
@@ -99,7 +99,7 @@ def _join_outlines(mesh: Derived, patch: Int, around: Int, outline: Int, whole: 
 
 
 def _patches(mesh: Derived, tags: Mapping[str, Int], f: Int, g: Int, ways: Mask) -> Int:
-    """Return the patch per face.
+    """Return the index of the flat patch that contains each face.
 
     Faces f and g share an edge, traversed in the same direction if ``ways``.
     """
@@ -129,7 +129,7 @@ def _patches(mesh: Derived, tags: Mapping[str, Int], f: Int, g: Int, ways: Mask)
 
 
 def _split_bent_patches(mesh: Derived, patch: Int, slack: float) -> Int:
-    """Split patches that bend gradually into their faces.
+    """Split patches that bend gradually, and so are not flat, into single faces.
 
     Return all patches.
     """
@@ -151,14 +151,14 @@ def _split_bent_patches(mesh: Derived, patch: Int, slack: float) -> Int:
 
 
 def _centres(mesh: Derived) -> Float:
-    """Return the vertex means of the faces ``(n_faces, 3)``."""
+    """Return the mean ``(n_faces, 3)`` of the vertices of each face."""
     sizes = np.diff(mesh.face_offsets)
     face = frozen_int(np.repeat(np.arange(mesh.n_faces), sizes))
     return frozen_float(sum_by(face, mesh.local_points[mesh.face_vertices], mesh.n_faces) / sizes[:, None])
 
 
 def _distances_from_planes(mesh: Derived, faces: Int, normals: Float, centres: Float) -> Float:
-    """Return each face's largest vertex distance from the given plane."""
+    """Return the largest distance of each face's vertices from a plane, given by normal and centre."""
     sizes = np.diff(mesh.face_offsets)[faces]
     row = np.repeat(np.arange(len(faces)), sizes)
     start = np.cumsum(sizes) - sizes
@@ -169,7 +169,7 @@ def _distances_from_planes(mesh: Derived, faces: Int, normals: Float, centres: F
 
 
 def _bends(mesh: Derived, loops: _Loops) -> Mask:
-    """Return the mask of corners: all points except those inside a straight line without other edges."""
+    """Return the mask of corners: points that are not in the interior of a straight chain of edges."""
     heads = _heads(loops.offsets, loops.vertices)
     ends = np.sort(np.stack((loops.vertices, heads), axis=1), axis=1)
     ends = np.unique(ends, axis=0)

@@ -1,4 +1,4 @@
-"""Records of mesh simplifications, and the assembly of simplified faces."""
+"""Record of a mesh simplification, and the assembly of the simplified faces."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ROUNDING = 8  # rounding of points, in units in the last place of the largest c
 
 @dataclass(frozen=True, eq=False)
 class Simplification:
-    """Record of the changes by :meth:`~agglo_core.mesh.Mesh.simplified`.
+    """Record of the changes that :meth:`~agglo_core.mesh.Mesh.simplified` made to a mesh.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Simplification:
 
 
 class Fewer(NamedTuple):
-    """Arrays of a mesh with fewer faces, with a map from old to new faces."""
+    """Arrays of a simplified mesh, with a map from old to new faces."""
 
     points: Int  # old numbers of the kept points
     face_offsets: Int
@@ -64,12 +64,12 @@ class Fewer(NamedTuple):
 
 
 def rounding_of(mesh: Derived) -> float:
-    """Return the distance by which rounding may have moved the points of a mesh."""
+    """Return a bound of the rounding errors in the coordinates of a mesh."""
     return _ROUNDING * float(np.spacing(np.abs(mesh.points[mesh.face_vertices]).max()))
 
 
 def assemble_faces(sizes: Int, vertices: Int, faces: Int, held_back: int = 0) -> Fewer:
-    """Assemble faces with ``sizes`` vertices each, sorted by their first old face.
+    """Assemble the arrays of faces with ``sizes`` vertices each, sorted by their first old face.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def assemble_faces(sizes: Int, vertices: Int, faces: Int, held_back: int = 0) ->
 
 
 def record_simplification(mesh: Derived, after: Derived, fewer: Fewer, tolerance: float) -> Simplification:
-    """Create the record for the simplified mesh ``after``."""
+    """Record the changes between a mesh and its simplification ``after``."""
     n_used = len(np.unique(mesh.face_vertices))
     return Simplification(
         tolerance,
