@@ -1,4 +1,4 @@
-"""Dual graphs with cell geometry, and their blocks, orders, cuts and sweeps."""
+"""Dual graphs with cell geometry: blocks, cuts, objectives, node orderings, sweep rounding."""
 
 from agglo_core.graph.dual import Graph, dual_graph
 

@@ -1,4 +1,4 @@
-"""Graphs with blocks: sizes, block selection, splits into parts, diameters, components."""
+"""Block-diagonal graphs: selection and splitting of blocks, diameters, connected components."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _LATER = ("boundary", "vertex_offsets", "vertices")
 
 @dataclass(frozen=True, eq=False)
 class BlockGraph(FieldState, Loaded):
-    """Arrays of a :class:`~agglo_core.graph.Graph` (documented there) and operations on its blocks."""
+    """Base class of :class:`~agglo_core.graph.Graph`: its arrays, and operations on its blocks."""
 
     indptr: Int
     indices: Index
@@ -55,7 +55,7 @@ class BlockGraph(FieldState, Loaded):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """Copy an array of ``_LATER`` from the parent graph on first access."""
+            """Copy a rarely used array (``_LATER``) from the parent graph on first access."""
             if name not in _LATER or "_whole" not in self.__dict__:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
             whole, nodes = self.__dict__["_whole"]
@@ -66,7 +66,7 @@ class BlockGraph(FieldState, Loaded):
             return self.__dict__[name]
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all arrays, without a reference to the parent graph."""
+        """Return all arrays for pickling, without a reference to the parent graph."""
         loads = {"_loads": self.__dict__["_loads"]} if "_loads" in self.__dict__ else {}
         return super().__getstate__() | loads
 
@@ -92,11 +92,11 @@ class BlockGraph(FieldState, Loaded):
 
     @cached_property
     def block_ids(self) -> Int:
-        """Block per node ``(n,)``."""
+        """Index of the block that contains each node ``(n,)``."""
         return frozen_int(np.repeat(np.arange(self.n_blocks), self.sizes))
 
     def __getitem__(self, block: int) -> Self:
-        """Return a block as a separate graph, with shifted indices and views of the other arrays."""
+        """Return one block as a separate graph, with nodes from 0 and views of the other arrays."""
         b = block + self.n_blocks if block < 0 else block
         if not 0 <= b < self.n_blocks:
             raise IndexError(f"block {block} is out of range: the graph has {self.n_blocks} blocks")
@@ -121,7 +121,7 @@ class BlockGraph(FieldState, Loaded):
         return graph.with_loads(self.loads and self.loads.take(nodes))
 
     def subgraph(self, nodes: ArrayLike, offsets: ArrayLike) -> Self:
-        """Return the graph of ``nodes`` in this order, with blocks ``offsets`` and no edges between them."""
+        """Return the subgraph of ``nodes`` in this order, without edges between the blocks ``offsets``."""
         order, blocks = frozen_int(nodes), frozen_int(offsets)
         if len(order) and (order.min() < 0 or order.max() >= self.n):
             raise MeshError(f"nodes must lie in 0..{self.n - 1}, given {order.min()}..{order.max()}")
@@ -157,7 +157,7 @@ class BlockGraph(FieldState, Loaded):
         return graph
 
     def split(self, labels: ArrayLike) -> tuple[Self, Int]:
-        """Return the graph with parts (labels 0..k−1) as blocks, and its nodes as numbers in ``self``."""
+        """Return the graph with the parts (labels 0..k−1) as blocks, and the old index of each node."""
         array = check_labels(labels, self.n)
         if self.n_blocks == 1 and not array.any():  # single part: the usual case of a connected mesh
             return self, frozen_int(np.arange(self.n))
@@ -166,7 +166,7 @@ class BlockGraph(FieldState, Loaded):
         return self.subgraph(order, offsets), order
 
     def take(self, blocks: ArrayLike) -> Self:
-        """Return the chosen blocks in this order."""
+        """Return the graph of the selected blocks, in this order."""
         block_numbers = frozen_int(blocks)
         sizes = self.sizes[block_numbers]
         offsets = np.concatenate(([0], np.cumsum(sizes)))
@@ -174,7 +174,7 @@ class BlockGraph(FieldState, Loaded):
         return self.subgraph(nodes, offsets)
 
     def without_edges(self, removed: ArrayLike) -> Self:
-        """Return the graph without the CSR entries in the mask ``removed (m,)``.
+        """Return the graph without the edges in the mask ``removed (m,)`` over the CSR entries.
 
         The mask contains both directions of each edge.
 
@@ -200,12 +200,12 @@ class BlockGraph(FieldState, Loaded):
         return graph.with_loads(self.loads)
 
     def diameters(self) -> Float:
-        """Return the exact largest vertex distance per block ``(B,)``."""
+        """Return the exact diameter of each block ``(B,)``, the largest distance of two vertices."""
         cells = frozen_int(np.arange(self.n))
         return diameters_of(self.offsets, cells, self.vertex_offsets, self.vertices, self.points)
 
     def part_diameters(self, labels: ArrayLike) -> Float:
-        """Return the exact largest vertex distance per part ``(k,)``, labels 0..k−1."""
+        """Return the exact diameter of each part ``(k,)``, for labels 0..k−1."""
         array = check_labels(labels, self.n)
         alone = len(array) > 0 and bool((np.diff(array) == 1).all())  # each cell is a part, in order
         cells = frozen_int(np.arange(self.n)) if alone else label_order(array)
@@ -213,7 +213,7 @@ class BlockGraph(FieldState, Loaded):
         return diameters_of(offsets, cells, self.vertex_offsets, self.vertices, self.points)
 
     def wide_parts(self, labels: ArrayLike, limit: float, asked: Mask | None = None) -> Mask:
-        """Return the mask ``(k,)`` of parts (labels 0..k−1) wider than ``limit``.
+        """Return the mask ``(k,)`` of parts (labels 0..k−1) with a diameter above ``limit``.
 
         This is faster than the computation of all diameters.
 
@@ -227,7 +227,7 @@ class BlockGraph(FieldState, Loaded):
         return wide_parts(array, parts, limit, self.vertex_offsets, self.vertices, self.points)
 
     def components(self, labels: ArrayLike | None = None) -> Int:
-        """Return the connected component per node ``(n,)``, within ``labels`` if given.
+        """Return the connected component of each node ``(n,)``, or within parts if ``labels`` are given.
 
         Components are numbered by their first nodes.
         """
@@ -248,7 +248,7 @@ class BlockGraph(FieldState, Loaded):
 def _permute_nodes(
     indptr: Int, indices: Index, interface: Float, order: Int, offsets: Int
 ) -> tuple[Int, Index, Float]:
-    """Return the CSR of the nodes ``order``, cut into blocks, see ``permute_graph``.
+    """Permute the nodes of a CSR graph to ``order``, and drop edges between blocks (``permute_graph``).
 
     numpy allocates large arrays with large pages, which makes them cheaper than arrays allocated in kernels.
     """
@@ -264,7 +264,7 @@ def _permute_nodes(
 
 
 def _rows_of(whole: BlockGraph, nodes: Int) -> dict[str, Any]:
-    """Return the cell vertices of some graph nodes."""
+    """Return the cell vertices of selected graph nodes as CSR."""
     from agglo_core.compiled.graphs import take_rows
 
     vertex_offsets, vertices = take_rows(whole.vertex_offsets, whole.vertices, nodes)

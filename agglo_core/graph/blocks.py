@@ -26,7 +26,7 @@ _SHARE_BITS = 40  # bits of integer shares: the sum over 2**23 blocks fits into 
 
 
 def split_at_median(level: Graph, projection: Float, tie: Float, shares: Float | None = None) -> Int:
-    """Split each block at the weighted median of ``projection``, or at a share of the mass.
+    """Bisect each block at the weighted median of ``projection``, or at another share of the mass.
 
     Projections closer than 1e-7 of their extent in the block count as equal; the ``tie`` columns, not the
     cell numbers, decide between them.
@@ -70,7 +70,7 @@ def split_at_median(level: Graph, projection: Float, tie: Float, shares: Float |
 
 
 def principal_frames(level: Graph) -> tuple[Float, Float]:
-    """Compute block-wise principal axes of the weighted centroids, and the centroids in these axes.
+    """Compute the principal axes of each block's weighted centroids, and the coordinates in them.
 
     Axes with second moments within a factor 0.9 are rotated in their plane to the smallest fourth moments
     (along the sides of a square). Each axis points to its heavier tail (positive third moment), so that
@@ -135,7 +135,7 @@ def block_extents(level: Graph, values: Float) -> Float:
 
 
 def _order(level: Graph, projection: Float, tie: Float) -> Int:
-    """Sort each block's nodes by ``projection``, with ties resolved by the columns of ``tie``."""
+    """Sort each block's nodes by ``projection``, and equal nodes by the columns of ``tie``."""
     order = np.lexsort((projection, level.block_ids))
     blocks = level.block_ids
     differs = np.ones(level.n + 1, bool)  # True where a value differs from its predecessor
@@ -197,7 +197,7 @@ def block_sums(level: Graph, values: NDArray[np.float64]) -> Float:
 
 
 def block_shares(values: Float, blocks: Int) -> Float:
-    """Return each value's share ``(n,)`` in its block sum.
+    """Return each value divided by the sum over its block ``(n,)``.
 
     If all values of a block are zero, the shares are equal.
 
@@ -215,7 +215,7 @@ def block_shares(values: Float, blocks: Int) -> Float:
 
 
 def integer_shares(values: Float, blocks: Int) -> Int:
-    """Return :func:`block_shares` times 2**40, rounded, so that sums over any number of blocks are exact.
+    """Return block shares as integers in units of 2**-40, so that all their sums are exact.
 
     Examples
     --------
@@ -228,7 +228,7 @@ def integer_shares(values: Float, blocks: Int) -> Int:
 
 
 def _rotate_frames(level: Graph, weights: Float, local: Float, moments: Float, frames: Float) -> Float:
-    """Rotate frames to the smallest fourth moments, in planes with nearly equal second moments.
+    """Rotate principal axes with nearly equal second moments to minimise the fourth moments.
 
     With z = x + iy, a rotation by θ gives x⁴ + y⁴ = (3|z|⁴ + Re z⁴ exp(−4iθ)) / 4, hence a closed formula for
     the angle per plane. In 3-D, sweeps over the three planes converge quadratically, like Jacobi rotations.

@@ -1,4 +1,4 @@
-"""Kernels for quotient graphs: edges between parts, and the distinct vertices per part.
+"""Compiled loops for quotient graphs: edges between parts, and the distinct vertices per part.
 
 The cells are read in storage order and their data moved to the position of their part, because a traversal
 part by part would cause a cache miss per cell.
@@ -15,7 +15,9 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @helper(allocates=True)
 def _edges_by_part(labels, n_parts, indptr, indices, interface):
-    """Return the edges that leave each part: part ranges ``first``, ``last``, outer cells, interfaces.
+    """Group the edges between different parts by the part that they leave.
+
+    Return the range ``first`` to ``last`` of each part's edges, the outer cells, and the interfaces.
 
     Every part has one spare position, because inner edges are also written and then overwritten.
     """
@@ -48,7 +50,9 @@ def _edges_by_part(labels, n_parts, indptr, indices, interface):
 
 @kernel
 def quotient_edges(labels, n_parts, indptr, indices, interface):
-    """Return the CSR of the quotient graph without loops, with neighbours in arbitrary order.
+    """Return the quotient graph as CSR: adjacent parts, in arbitrary order, and their interfaces.
+
+    The graph has no loops.
 
     Interfaces are added in the order of the sparse product G A Gᵀ, with bitwise equal results: first the
     interfaces of the part with one outer cell, then those of the cells of one neighbour, the last cell first.
@@ -85,7 +89,7 @@ def quotient_edges(labels, n_parts, indptr, indices, interface):
 
 @kernel
 def union_of_rows(labels, n_parts, offsets, values, n_values):
-    """Return the distinct values in the rows per part as CSR.
+    """Return the distinct values in the CSR rows of each part, as CSR.
 
     Values are below ``n_values``.
     """

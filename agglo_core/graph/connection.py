@@ -1,4 +1,4 @@
-"""Test if the parts of a graph are connected, fast if they are."""
+"""Test quickly if the parts of a graph are connected."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_core.threads import over_ranges
 
 
 def all_connected(indptr: Int, indices: Index) -> bool:
-    """Return True if all nodes of a graph are connected.
+    """Return True if the graph is connected.
 
     Examples
     --------
@@ -23,7 +23,7 @@ def all_connected(indptr: Int, indices: Index) -> bool:
 
 
 def parts_connected(indptr: Int, indices: Index, labels: Int) -> bool:
-    """Return True if the nodes of each label ``(n,)``, all non-negative, are connected.
+    """Return True if every part is connected, for non-negative labels ``(n,)``.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Compute keys along a space-filling curve."""
+"""Compute sort keys of points along a Morton (Z-order) curve."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -11,7 +11,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @helper
 def _spread_by_one(x):
-    """Insert a zero bit between the 16 low bits."""
+    """Spread the 16 low bits of x to every second bit, to interleave two coordinates."""
     x = (x | (x << np.uint64(8))) & np.uint64(0x00FF00FF)
     x = (x | (x << np.uint64(4))) & np.uint64(0x0F0F0F0F)
     x = (x | (x << np.uint64(2))) & np.uint64(0x33333333)
@@ -20,7 +20,7 @@ def _spread_by_one(x):
 
 @helper
 def _spread_by_two(x):
-    """Insert two zero bits between the 10 low bits."""
+    """Spread the 10 low bits of x to every third bit, to interleave three coordinates."""
     x = (x | (x << np.uint64(16))) & np.uint64(0x030000FF)
     x = (x | (x << np.uint64(8))) & np.uint64(0x0300F00F)
     x = (x | (x << np.uint64(4))) & np.uint64(0x030C30C3)
@@ -29,7 +29,7 @@ def _spread_by_two(x):
 
 @kernel
 def curve_keys(points, keys):
-    """Write the positions on a Morton curve, times 2^32 plus the point numbers, to ``keys (n,)``.
+    """Write the index along a Morton curve, times 2^32, plus the point index, to ``keys (n,)``.
 
     The curve has 2^16 (2-D) or 2^10 (3-D) steps along each axis.
     """

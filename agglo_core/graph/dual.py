@@ -38,7 +38,7 @@ _DTYPES = {
 
 @dataclass(frozen=True, eq=False)
 class Graph(BlockGraph):
-    """Dual graph of a mesh, with one block per piece.
+    """Dual graph of a mesh with cell geometry, in independent blocks: one for each connected piece.
 
     Block b owns the nodes ``offsets[b]:offsets[b + 1]`` and no edge joins two blocks. A mesh is one block.
     All pieces at one depth of a recursion form one block-diagonal Graph, called a *level* in bisectors.
@@ -114,7 +114,7 @@ class Graph(BlockGraph):
         boundary: ArrayLike | None = None,
         data: Mapping[str, NDArray[Any]] | None = None,
     ) -> Graph:
-        """Build a graph with one block from a symmetric CSR and centroids.
+        """Build a graph with one block from a symmetric CSR adjacency and node centroids.
 
         The arrays are copied.
 
@@ -161,7 +161,7 @@ class Graph(BlockGraph):
         self.check()
 
     def check(self) -> None:
-        """Raise MeshError unless shapes agree, values are valid and the CSR is symmetric.
+        """Raise MeshError unless shapes agree, values are valid and the CSR adjacency is symmetric.
 
         The constructor calls this method.
         """
@@ -171,7 +171,10 @@ class Graph(BlockGraph):
         return f"Graph({self.dim}-D, {self.n} nodes, {len(self.indices) // 2} edges, {self.n_blocks} blocks)"
 
     def to_scipy(self) -> sparse.csr_array[Any, Any]:
-        """Return the adjacency ``(n, n)`` weighted by interface measure, as a copy (scipy sorts in place)."""
+        """Return a copy of the adjacency matrix ``(n, n)``, weighted by interface measure.
+
+        It is a copy because scipy sorts in place.
+        """
         most = max(self.n, len(self.indices))
         indices, indptr = (index_cast(each, most) for each in (self.indices, self.indptr))
         return sparse.csr_array((self.interface.copy(), indices, indptr), shape=(self.n, self.n))

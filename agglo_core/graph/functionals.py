@@ -1,4 +1,4 @@
-"""Cut, volume and normalised cut of a partition, and their expected values for probabilities (paper, §2.1).
+"""Cut, volume, normalised cut of a partition, and expectations for label probabilities (paper, §2.1).
 
 As in the paper, edges have weight 1 and nodes their degree, unless weights are given: ``graph.interface`` as
 edge weights turns cuts into lengths, ``graph.measures`` as node weights turns volumes into areas.

@@ -1,4 +1,4 @@
-"""Quantities by which a run distributes a number of parts, one value per node."""
+"""Node quantities of which each part of a run should have an equal amount: cells, measure, weights."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Kind = Literal["cells", "measure", "weights"]
 
 
 class Loads(NamedTuple):
-    """Quantities that a run balances.
+    """Node quantities that a run balances between the parts.
 
     Subgraphs select from them, quotients add them up.
 
@@ -36,18 +36,18 @@ class Loads(NamedTuple):
     weights: Float | None = None
 
     def take(self, nodes: Any) -> Loads:
-        """Return the loads of these nodes."""
+        """Return the quantities of selected nodes."""
         return Loads(self.kind, *(None if each is None else frozen_float(each[nodes]) for each in self[1:]))
 
     def added(self, labels: Int) -> Loads:
-        """Return the loads of agglomerates ``labels (n,)``."""
+        """Return the quantities of agglomerates ``labels (n,)``, summed over their nodes."""
         counted = self._replace(cells=np.ones(len(labels)) if self.cells is None else self.cells)
         sums = (None if each is None else frozen_float(np.bincount(labels, each)) for each in counted[1:])
         return Loads(self.kind, *sums)
 
 
 class Loaded:
-    """Base class of :class:`~agglo_core.graph.Graph`: quantities balanced by a run."""
+    """Base class of :class:`~agglo_core.graph.Graph`: node quantities that a run balances."""
 
     if TYPE_CHECKING:
         measures: Float
@@ -58,7 +58,7 @@ class Loaded:
 
     @property
     def mass(self) -> Float:
-        """Quantity ``(n,)`` by which parts are distributed among pieces and split sides.
+        """Node quantity ``(n,)`` in proportion to which the sides of a split receive their number of parts.
 
         By default the measures; a run may set another quantity (:meth:`with_mass`).
         """
@@ -66,14 +66,14 @@ class Loaded:
 
     @property
     def loads(self) -> Loads | None:
-        """Quantities balanced by a run by count.
+        """Node quantities balanced in a run with a given number of parts.
 
         The value is None in other runs, and outside of runs.
         """
         return self.__dict__.get("_loads")
 
     def with_mass(self, mass: ArrayLike) -> Self:
-        """Return the graph with another :attr:`mass`, which subgraphs and quotients inherit."""
+        """Return this graph with another :attr:`mass`, which subgraphs and quotients inherit."""
         values = owned(exact_cast(plain_array(mass, "mass"), np.float64, "mass"))
         if (
             values.shape != (self.n,)
@@ -83,7 +83,7 @@ class Loaded:
         return self.with_loads(Loads(mass=frozen_float(values)))
 
     def with_loads(self, loads: Loads | None) -> Self:
-        """Return the graph with other :attr:`loads`, which subgraphs and quotients inherit."""
+        """Return this graph with other :attr:`loads`, which subgraphs and quotients inherit."""
         made = trusted_copy(self)
         made.__dict__["_loads"] = loads
         return made

@@ -1,4 +1,4 @@
-"""Compute objective changes for single-cell moves, many at once.
+"""Compute the changes of objectives for many alternative moves of single cells to other parts.
 
 Each function takes a graph, labels ``(n,)`` that number the parts of all blocks consecutively, and moves:
 cell ``cells[i]`` alone goes to part ``parts[i]``. It returns the change of the sum over all parts, ``(q,)``.
@@ -24,7 +24,7 @@ compares other values, measured by tests/benchmarks/polish.py.
 
 @dataclass(frozen=True)
 class Links:
-    """Edge weights of each moving cell, ``(q,)`` each: all edges, to its own part, to its new part."""
+    """Edge weights of each moved cell ``(q,)``: to all cells, to its old part, to its new part."""
 
     total: Float
     own: Float
@@ -32,19 +32,19 @@ class Links:
 
 
 def part_sums(labels: Int, values: Float | Int | Mask, k: int = 0) -> Float:
-    """Return the sum over ``values (n,)`` per label 0..k−1 or more."""
+    """Sum ``values (n,)`` over the nodes of each part, for labels 0..k−1 or more."""
     return np.bincount(labels, values, k).astype(np.float64)
 
 
 def mass_centres(graph: Graph, labels: Int, k: int = 0) -> tuple[Float, Float]:
-    """Return weight ``(k,)`` and centroid ``(k, d)`` per part."""
+    """Return the total weight ``(k,)`` and the centre of mass ``(k, d)`` of each part."""
     mass = part_sums(labels, graph.weights, k)
     moments = [part_sums(labels, graph.weights * x, k) for x in graph.centroids.T]
     return mass, np.stack([ratio(moment, mass) for moment in moments], axis=1)
 
 
 def links(graph: Graph, labels: Int, cells: Int, parts: Int, edge_weights: Float | None = None) -> Links:
-    """Return edge weights for moving cells.
+    """Return the edge weights that connect each moved cell with its old part and its new part.
 
     ``edge_weights`` is ``(m,)``, one per CSR entry, 1 by default.
     """
@@ -60,7 +60,7 @@ def links(graph: Graph, labels: Int, cells: Int, parts: Int, edge_weights: Float
 
 
 def boundary_moves(graph: Graph, labels: Int) -> tuple[Int, Int]:
-    """Return every move of a boundary cell to an adjacent part, once: cells and parts ``(q,)``."""
+    """List all moves of a cell to an adjacent part, each once, as cells and parts ``(q,)``."""
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     neighbour_parts = labels[graph.indices]
     crossing = np.flatnonzero(labels[rows] != neighbour_parts)
@@ -70,19 +70,19 @@ def boundary_moves(graph: Graph, labels: Int) -> tuple[Int, Int]:
 
 
 def interface_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Return the changes in the face measure between parts ``(q,)``."""
+    """Return the change of the total interface between parts for each move ``(q,)``."""
     shared = links(graph, labels, cells, parts, graph.interface)
     return shared.own - shared.there
 
 
 def cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Return the changes in the number of edges between parts ``(q,)``."""
+    """Return the change of the number of edges between parts for each move ``(q,)``."""
     shared = links(graph, labels, cells, parts)
     return shared.own - shared.there
 
 
 def normalised_cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Return the changes in the normalised cut ``(q,)``: the sum over parts of cut edges / volume."""
+    """Return the change of the normalised cut, Σ cut / volume over all parts, for each move ``(q,)``."""
     shared = links(graph, labels, cells, parts)
     rows = np.repeat(labels, np.diff(graph.indptr))
     k = int(labels.max(initial=0)) + 1
@@ -96,7 +96,7 @@ def normalised_cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) ->
 
 
 def inertia_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Return the changes in the parts' moment of inertia about their centroids ``(q,)``."""
+    """Return the change of the parts' inertia about their centroids for each move ``(q,)``."""
     k = int(labels.max(initial=0)) + 1
     mass, means = mass_centres(graph, labels, k)
     own, weight, place = labels[cells], graph.weights[cells], graph.centroids[cells]
@@ -107,7 +107,7 @@ def inertia_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
 
 
 def shapes(graph: Graph, labels: Int) -> Float:
-    """Return each part's moment of inertia times its block's interface to the power ``SHORTNESS``, ``(k,)``.
+    """Return inertia times L^``SHORTNESS`` per part ``(k,)``, with the interface L of its block.
 
     The minimiser does not depend on the unit of length.
     """
@@ -117,7 +117,7 @@ def shapes(graph: Graph, labels: Int) -> Float:
 
 
 def shape_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Return the changes in the sum of all ``shapes`` ``(q,)``."""
+    """Return the change of the sum of :func:`shapes` for each move ``(q,)``."""
     inertia, interface, block = _inertia_and_interface(graph, labels)
     total, b = part_sums(block, inertia, graph.n_blocks), graph.block_ids[cells]
     moved = total[b] + inertia_changes(graph, labels, cells, parts)
@@ -127,7 +127,7 @@ def shape_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
 
 
 def _inertia_and_interface(graph: Graph, labels: Int) -> tuple[Float, Float, Int]:
-    """Return the inertia per part ``(k,)``, interface per block ``(B,)``, and block per part ``(k,)``."""
+    """Return the inertia per part ``(k,)``, interface per block ``(B,)``, and each part's block ``(k,)``."""
     _, means = mass_centres(graph, labels)
     inertia = part_sums(labels, graph.weights * ((graph.centroids - means[labels]) ** 2).sum(axis=1))
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
@@ -138,7 +138,7 @@ def _inertia_and_interface(graph: Graph, labels: Int) -> tuple[Float, Float, Int
 
 
 def squared_weight_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Return the changes in the sum of squared part weights ``(q,)``."""
+    """Return the change of the sum of squared part weights for each move ``(q,)``."""
     weights = graph.node_sizes("weights")
     sums, weight = part_sums(labels, weights), weights[cells]
     changes: Float = 2.0 * weight * (sums[parts] - sums[labels[cells]] + weight)
@@ -148,7 +148,7 @@ def squared_weight_changes(graph: Graph, labels: Int, cells: Int, parts: Int) ->
 def edge_difference(
     graph: Graph, before: Int, after: Int, edge_weights: Float | None = None
 ) -> tuple[float, float]:
-    """Return the growth in edge weight between parts, and the total edge weight of moved cells.
+    """Return the increase of the weighted cut between two labellings, and the edge weight of moved cells.
 
     Labels ``(n,)`` may number the parts of each block from 0.
     """
@@ -163,7 +163,7 @@ def edge_difference(
 
 
 def _entries(graph: Graph, cells: Int) -> tuple[Int, Int]:
-    """Return the concatenated CSR entries of some cells, and the position in ``cells`` for each entry."""
+    """Return the indices of all edges of some cells, and the index into ``cells`` for each edge."""
     counts = np.diff(graph.indptr)[cells]
     move = np.repeat(np.arange(len(cells)), counts)
     first = np.cumsum(counts) - counts

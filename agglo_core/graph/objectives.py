@@ -54,7 +54,7 @@ class Objective:
     difference: Callable[[Graph, Int, Int], tuple[float, float]] | None = None
 
     def worse_by(self, graph: Graph, before: Int, after: Int) -> float:
-        """Return the increase from ``before (n,)`` to ``after (n,)``, or 0 if there is none up to rounding.
+        """Return the objective's increase from ``before (n,)`` to ``after (n,)``, or 0 within rounding.
 
         Labels may number the parts of each block from 0.
         """
@@ -68,7 +68,7 @@ class Objective:
         return growth if growth > _ROUNDING * abs(size) else 0.0
 
     def value(self, graph: Graph, labels: ArrayLike) -> float:
-        """Return the value of a partition ``labels (n,)``.
+        """Return the value of the objective for a partition ``labels (n,)``.
 
         Labels may number the parts of each block from 0.
         """
@@ -123,7 +123,7 @@ def _diameters(graph: Graph, labels: Int) -> Float:
 
 
 def _roundness(graph: Graph, labels: Int) -> Float:
-    """Return the sum of two shape defects per part ``(k,)``: not round, and narrower than other parts.
+    """Return a shape defect per part ``(k,)``: deviation from a round shape plus relative narrowness.
 
     Both terms are between 0 and 1. Widths are relative to the widest part of the block. The roundness of a
     part is 2 r / diameter, with r = 0.95 · dimension · measure / surface: 0.95 for a disc, and about the

@@ -8,7 +8,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 
 
 def curve_order(centroids: Float) -> Int:
-    """Return the order ``(n,)`` of points ``(n, d)`` along a Morton curve.
+    """Return the permutation ``(n,)`` that sorts points ``(n, d)`` along a Morton curve.
 
     The curve has 2^16 (2-D) or 2^10 (3-D) steps per axis.
 

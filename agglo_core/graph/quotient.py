@@ -27,7 +27,7 @@ class Quotient(NamedTuple):
 
 
 def quotient(labels: Int, fine: BlockGraph) -> Quotient:
-    """Sum interfaces and measures over agglomerates ``labels (n,)``, and average centroids by measure.
+    """Build the quotient graph of agglomerates ``labels (n,)``: sums of measures, means of centroids.
 
     Neighbours and vertices are in ascending order.
     """

@@ -1,4 +1,4 @@
-"""Objective ``solver``: inertia plus interface length, as a single number F.
+"""Objective ``solver``, a number F: moment of inertia plus interface of the parts, both normalised.
 
 F is the parts' moment of inertia plus 0.2 times their interface, each relative to equally many regular
 hexagons with the same measure. In 3-D, truncated octahedra (Kelvin cells) replace hexagons. F has no unit and
@@ -26,7 +26,7 @@ _HEXAGON = {2: (5.0 / (18.0 * 3.0**0.5), (2.0 * 3.0**0.5) ** 0.5), 3: (0.2356299
 
 
 def solver_factors(graph: Graph, counts: Int) -> tuple[Float, Float]:
-    """Return the factors of inertia and interface in F, for each block ``(B,)`` with ``counts`` parts.
+    """Return the coefficients of inertia and interface in F, per block ``(B,)`` with ``counts`` parts.
 
     Without measures or weights, inertia does not count, and the interface is relative to that of all cells.
     """
@@ -43,7 +43,7 @@ def solver_factors(graph: Graph, counts: Int) -> tuple[Float, Float]:
 
 
 def solver_shapes(graph: Graph, labels: Int) -> Float:
-    """Return each part's contribution ``(k,)`` to F in its block.
+    """Return each part's contribution ``(k,)`` to the objective F of its block.
 
     Labels number the parts of all blocks.
     """

@@ -1,4 +1,4 @@
-"""Sweep rounding: convert model scores, or any coordinate, to two sides."""
+"""Sweep rounding: bisect a graph at the best threshold of a node score, such as a network output."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def sweep(level: Graph, scores: ArrayLike) -> Int:
-    """Split each block at the best score threshold, among 31 per score column.
+    """Bisect each block at the best threshold of a node score, among 31 per score column.
 
     Thresholds are equidistant between the extremes of the score, at most two standard deviations from its
     mean. With measure A = A₁ + A₂ of the two sides, cut length, and the share B/T of the inertia between the
@@ -68,7 +68,7 @@ def sweep(level: Graph, scores: ArrayLike) -> Int:
 
 
 def sweep_arrays(level: Graph) -> tuple[Int, Int, Index, Float, Float, Float, Float]:
-    """Return the arguments of the sweep kernels: blocks, CSR, interfaces, centroids, weights, measures.
+    """Return the graph arrays for sweeps: blocks, CSR, interfaces, centroids, weights, measures.
 
     Examples
     --------

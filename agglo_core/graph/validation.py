@@ -20,7 +20,7 @@ _DIMENSIONS = {
 
 
 class GraphArrays(Protocol):
-    """Arrays of a :class:`~agglo_core.graph.Graph`, which this module does not import."""
+    """Interface of :class:`~agglo_core.graph.Graph` as used here, which avoids a circular import."""
 
     @property
     def n(self) -> int: ...
@@ -44,7 +44,7 @@ class GraphArrays(Protocol):
 
 
 def immutable_array(name: str, values: ArrayLike, dtype: Any) -> NDArray[Any]:
-    """Return values as immutable ``dtype`` numbers.
+    """Return values as a read-only array of type ``dtype``, or raise MeshError.
 
     Integer types require integer input.
 
@@ -62,7 +62,7 @@ def immutable_array(name: str, values: ArrayLike, dtype: Any) -> NDArray[Any]:
 
 
 def check_graph(graph: GraphArrays) -> None:
-    """Raise MeshError unless shapes agree, values are valid and the CSR is symmetric."""
+    """Raise MeshError unless shapes agree, values are valid and the CSR adjacency is symmetric."""
     # Dimensions and shapes.
     for key, count in _DIMENSIONS.items():
         if getattr(graph, key).ndim != count:
