@@ -1,4 +1,4 @@
-"""The split tree, its coarse levels, and cuts through the trees of nested levels."""
+"""Hierarchies of coarse meshes: the tree of splits, its levels, and cuts with parts of several levels."""
 
 from agglo_core.hierarchy.cuts import Change, Cut
 from agglo_core.hierarchy.forest import Forest

@@ -1,4 +1,4 @@
-"""Search the best cut of a given size, and graded cuts."""
+"""Find the best coarse mesh of a given size with parts of several levels (a cut), optionally graded."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ OBJECTIVES = ("largest", "squares")
 def best_nodes(
     forest: Forest, graph: Graph, indicator: ArrayLike | None, n_parts: int, objective: str, grade: int | None
 ) -> Int:
-    """Return the nodes of the best cut with at most ``n_parts`` parts.
+    """Return the tree nodes of the best cut with at most ``n_parts`` parts.
 
     Arguments are as in ``Hierarchy.cut``.
     """
@@ -41,7 +41,7 @@ def best_nodes(
 
 
 def grade_cut(forest: Forest, graph: Graph, nodes: Int, grade: int) -> Int:
-    """Return the coarsest refinement of a cut in which adjacent levels differ by at most ``grade``."""
+    """Return the coarsest refinement of a cut whose adjacent levels differ by at most ``grade``."""
     from agglo_core.hierarchy.tree_cuts import make_graded
 
     node_of = np.empty(graph.n, np.int64)
@@ -52,7 +52,7 @@ def grade_cut(forest: Forest, graph: Graph, nodes: Int, grade: int) -> Int:
 
 
 def check_grade(grade: int | None) -> None:
-    """Raise OptionError unless the grade is None or a positive integer."""
+    """Raise OptionError unless the grade (largest level difference) is None or a positive integer."""
     if grade is not None and (
         isinstance(grade, bool) or not isinstance(grade, int | np.integer) or grade < 1
     ):
@@ -75,7 +75,7 @@ def _least_squares(forest: Forest, value: Float, n_parts: int, grade: int | None
 
 
 def _shape(forest: Forest, graph: Graph, grade: int | None) -> tuple[Any, Any, int]:
-    """Return forest and graph arrays for the kernels, and the grade (−1 for none)."""
+    """Return forest and graph as arrays for compiled loops, and the grade (−1 for none)."""
     trees = (
         forest.cells,
         forest.start,
@@ -89,7 +89,7 @@ def _shape(forest: Forest, graph: Graph, grade: int | None) -> tuple[Any, Any, i
 
 
 def _check_indicator(indicator: ArrayLike | None, graph: Graph) -> Float:
-    """Return the checked indicator ``(n,)``, by default the measures.
+    """Return the checked refinement indicator ``(n,)`` of the cells, by default their measures.
 
     It must be finite and non-negative.
     """

@@ -1,4 +1,4 @@
-"""Cuts through nested hierarchies: coarse meshes with locally fine parts."""
+"""Cuts through nested hierarchies: coarse meshes whose parts come from different levels."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from agglo_core.mesh import Mesh
 
 
 class Change(NamedTuple):
-    """A new cut, with a map from old to new parts.
+    """Result of local refinement or coarsening: the new cut, and a map from old to new parts.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Cut:
 
     @property
     def labels(self) -> Int:
-        """Part per cell ``(n,)``, numbered by smallest cell id."""
+        """Part of each cell ``(n,)``, with parts numbered by their smallest cells."""
         labels: Int = self.__dict__["_labels"]
         return labels
 
@@ -109,7 +109,7 @@ class Cut:
 
     @property
     def levels(self) -> Int:
-        """Coarsest level per part ``(n_parts,)``.
+        """Level of each part ``(n_parts,)``, the coarsest one that contains it.
 
         Single cells have −1.
         """
@@ -137,7 +137,7 @@ class Cut:
 
     # -- local changes -------------------------------------------------------------------------
     def refine(self, parts: ArrayLike) -> Change:
-        """Split parts into those of the finer level.
+        """Split the given parts into their parts on the next finer level.
 
         With a grade, neighbours are split as necessary.
 
@@ -152,7 +152,7 @@ class Cut:
         return self._changed(np.concatenate((self.nodes[~is_split], children)))
 
     def coarsen(self, parts: ArrayLike) -> Change:
-        """Join parts to those of the coarser level if all their siblings are given.
+        """Join the given parts into those of the next coarser level, where all siblings are given.
 
         Other parts are unchanged, as are, with a grade, parts with too fine neighbours. Pieces from
         :meth:`refine` become the original part again if all are given.
@@ -196,7 +196,7 @@ class Cut:
 
     # -- transfer ------------------------------------------------------------------------------
     def prolongation(self, finer: Cut) -> sparse.csr_array[Any, Any]:
-        """Return the piecewise constant prolongation to a finer cut: ones, ``(finer.n_parts, n_parts)``.
+        """Return the 0-1 prolongation of piecewise constants to a finer cut, ``(finer.n_parts, n_parts)``.
 
         Prolongations between three cuts compose: the product over an intermediate cut is the direct
         prolongation.
@@ -215,7 +215,7 @@ class Cut:
         return ones_by_row(columns, self.n_parts)
 
     def restriction(self, coarser: Cut) -> sparse.csr_array[Any, Any]:
-        """Return the mean by measure on the parts of a coarser cut, ``(coarser.n_parts, n_parts)``.
+        """Return measure-weighted averaging to a coarser cut as a matrix, ``(coarser.n_parts, n_parts)``.
 
         It is the left inverse of :meth:`prolongation`: R P is the identity.
 
@@ -228,7 +228,7 @@ class Cut:
         return self.projection(coarser)
 
     def projection(self, other: Cut) -> sparse.csr_array[Any, Any]:
-        """Return the mean by measure on the parts of any other cut, locally finer or coarser.
+        """Return measure-weighted averaging to any other cut, locally finer or coarser, as a matrix.
 
         It is the L2 projection for piecewise constants, and preserves the integral.
 
@@ -252,13 +252,13 @@ class Cut:
 
 
 def ones_by_row(columns: Int, n_columns: int) -> sparse.csr_array[Any, Any]:
-    """Return a matrix ``(n, n_columns)`` with a one in ``columns[i]`` of each row i."""
+    """Return the sparse matrix ``(n, n_columns)`` with a single one in row i, in ``columns[i]``."""
     n = len(columns)
     indices, indptr = (index_cast(array, max(n, n_columns)) for array in (columns, np.arange(n + 1)))
     return sparse.csr_array((np.ones(n), indices, indptr), shape=(n, n_columns))
 
 
 def _ranges(first: Int, count: Int) -> Int:
-    """Return ``count[i]`` consecutive numbers from ``first[i]``, for each i."""
+    """Concatenate the ranges of ``count[i]`` consecutive integers that start at ``first[i]``."""
     ends = np.cumsum(count)
     return frozen_int(np.arange(ends[-1] if len(ends) else 0) + np.repeat(first - ends + count, count))

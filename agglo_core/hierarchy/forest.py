@@ -1,4 +1,4 @@
-"""Nested levels of a hierarchy as trees, whose cuts are coarse meshes."""
+"""Trees of the parts on nested levels, whose cuts are coarse meshes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from agglo_core.mesh.checks import name_cells
 
 @dataclass(frozen=True, eq=False)
 class Forest(FieldState):
-    """Parts of all levels and cells as nodes.
+    """Trees of a nested hierarchy: the nodes are the parts of all levels, and the cells.
 
     Equal parts of several levels are one node.
 
@@ -55,7 +55,7 @@ class Forest(FieldState):
 
     @classmethod
     def of(cls, levels: Sequence[Int], n: int) -> Forest:
-        """Build the forest from nested levels ``(n,)``, finest first.
+        """Build the trees from nested levels ``(n,)``, finest first.
 
         Raises
         ------
@@ -75,7 +75,7 @@ class Forest(FieldState):
         return cls(*map(frozen_int, arrays))
 
     def matches(self, other: Forest) -> bool:
-        """Return True if both forests belong to equal levels, as after unpickling."""
+        """Return True if both forests have equal nodes and cells, as after unpickling."""
         if self is other:
             return True
         names = [field.name for field in fields(self)]
@@ -87,7 +87,7 @@ class Forest(FieldState):
         return int(self.rounds[1]) if len(self.rounds) > 1 else len(self.parent)
 
     def sums(self, values: Float) -> Float:
-        """Sum cell values ``(n,)`` over each node.
+        """Sum cell values ``(n,)`` over the cells of each node.
 
         For non-negative values, rounding never makes a node smaller than one of its children.
         """
@@ -100,11 +100,11 @@ class Forest(FieldState):
         return frozen_float(total)
 
     def level(self, level: int) -> Int:
-        """Return the nodes on a level, −1 for the cells."""
+        """Return the nodes that form a level, where −1 stands for the cells."""
         return frozen_int(np.flatnonzero((self.finest <= level) & (level <= self.coarsest)))
 
     def labelled(self, nodes: Int) -> tuple[Int, Int]:
-        """Return labels ``(n,)`` of disjoint nodes that own all cells, and the nodes in label order."""
+        """Label the cells ``(n,)`` by disjoint nodes that cover them, and return the nodes in label order."""
         nodes = nodes[np.argsort(self.start[nodes])]
         at = np.empty(len(self.cells), np.int64)
         at[self.cells] = np.repeat(np.arange(len(nodes)), self.stop[nodes] - self.start[nodes])
@@ -115,7 +115,7 @@ class Forest(FieldState):
 
 
 def _nodes(levels: Sequence[Int], order: Int) -> tuple[Int, ...]:
-    """Return start, stop, parent, finest and coarsest level per node, and the first node per round."""
+    """Return the cell range, parent, finest and coarsest level of each node, and the first node per level."""
     nodes = np.empty((5, 0), np.int64)
     rounds: list[int] = []
     holder = np.full(len(order), -1)  # node of the level above at each position
@@ -135,7 +135,7 @@ def _nodes(levels: Sequence[Int], order: Int) -> tuple[Int, ...]:
 
 
 def check_nested(levels: Sequence[Int]) -> None:
-    """Raise OptionError unless the levels ``(n,)`` are nested, finest first."""
+    """Raise OptionError unless each level ``(n,)`` is a coarsening of the previous one, finest first."""
     for level, (fine, coarse) in enumerate(pairwise(levels)):
         holder = np.empty(int(fine.max(initial=-1)) + 1, np.int64)
         holder[fine] = coarse

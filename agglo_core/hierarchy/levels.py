@@ -25,7 +25,7 @@ from agglo_core.mesh.elsewhere import import_function
 
 @dataclass(frozen=True, eq=False)
 class Hierarchy(FieldState):
-    """Coarse levels of a mesh or graph.
+    """Hierarchy of coarse levels of a mesh or graph, with a labelling of the cells for each level.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Hierarchy(FieldState):
 
     @property
     def fingerprint(self) -> str:
-        """Fingerprint of the mesh.
+        """Hash that identifies the fine mesh.
 
         The value is empty for a graph.
         """
@@ -102,7 +102,7 @@ class Hierarchy(FieldState):
         return self.levels[level]
 
     def parents(self, level: int) -> Int:
-        """Return for each agglomerate on ``level`` its parent on level + 1, shape ``(n_level,)``.
+        """Return the parent on level + 1 of each agglomerate on ``level``, shape ``(n_level,)``.
 
         Raises
         ------
@@ -119,14 +119,17 @@ class Hierarchy(FieldState):
         return frozen_int(parents)
 
     def overlap(self, level: int) -> sparse.csr_array[Any, Any]:
-        """Return the measures of common cells, ``(n_{level+1}, n_level)``, for any hierarchy."""
+        """Return the measures of the intersections of agglomerates, ``(n_{level+1}, n_level)``.
+
+        The hierarchy need not be nested.
+        """
         fine, coarse = self._level(level), self._level(level + 1)
         places = tuple(index_cast(labels, self.graph.n) for labels in (coarse, fine))
         shape = (self.parts[level + 1], self.parts[level])
         return sparse.csr_array(sparse.coo_array((self.graph.measures, places), shape=shape))
 
     def prolongation(self, level: int) -> sparse.csr_array[Any, Any]:
-        """Return the injection of ones from ``level`` to the next finer level, ``(n_{level−1}, n_level)``.
+        """Return the 0-1 prolongation from ``level`` to the next finer level, ``(n_{level−1}, n_level)``.
 
         The next finer level of level 0 is the mesh itself.
 
@@ -224,7 +227,7 @@ class Hierarchy(FieldState):
     # -- cuts ----------------------------------------------------------------------------------
     @cached_property
     def forest(self) -> Forest:
-        """Levels as trees, whose cuts are coarse meshes.
+        """Parts of all levels as trees, whose cuts are coarse meshes.
 
         Raises
         ------
@@ -275,7 +278,7 @@ class Hierarchy(FieldState):
         return Cut(self.fine, self.graph, self.forest, nodes, grade)
 
     def cut_at(self, level: int, *, grade: int | None = None) -> Cut:
-        """Return the parts of a level (−1: cells) as a cut, a start for ``refine`` and ``coarsen``."""
+        """Return one level (−1: the cells) as a cut, to be changed locally by ``refine`` and ``coarsen``."""
         if not -1 <= level < len(self.levels):
             raise IndexError(
                 f"level {level} is out of range: the hierarchy has levels 0..{len(self.levels) - 1}, and "
@@ -285,7 +288,7 @@ class Hierarchy(FieldState):
         return Cut(self.fine, self.graph, self.forest, self.forest.level(level), grade)
 
     def above(self, cut: Cut) -> Hierarchy:
-        """Return the levels that are coarser than a cut somewhere, on its mesh, for multigrid on a cut.
+        """Return the hierarchy for multigrid on a cut: its mesh, and the levels that coarsen it somewhere.
 
         Raises
         ------

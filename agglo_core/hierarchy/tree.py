@@ -1,4 +1,4 @@
-"""The split tree, and label numbering."""
+"""Tree of the recursive splits, and numbering of labels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from agglo_core.arrays import Float, Int, frozen_int
 
 
 def by_first_cell(labels: ArrayLike) -> Int:
-    """Renumber labels to 0..k−1 by their smallest cell ids.
+    """Renumber labels to 0..k−1 in the order of the parts' smallest cell indices.
 
     Examples
     --------
@@ -30,7 +30,7 @@ def by_first_cell(labels: ArrayLike) -> Int:
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """Tree of splits, with cells in tree order, so that every node is a slice.
+    """Tree of recursive splits, with the cells sorted so that those of every node are contiguous.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Tree:
     diameter: Float
 
     def labels(self, nodes: ArrayLike) -> Int:
-        """Return labels ``(n,)`` of the level with these disjoint nodes, which together own all cells."""
+        """Return the cell labels ``(n,)`` of the partition into disjoint nodes that cover all cells."""
         ordered_nodes = frozen_int(nodes)
         ordered_nodes = ordered_nodes[np.argsort(self.start[ordered_nodes])]
         sizes = self.stop[ordered_nodes] - self.start[ordered_nodes]
@@ -70,7 +70,7 @@ class Tree:
         return by_first_cell(labels)
 
     def cut(self, h_star: float) -> Int:
-        """Return the first node on each path with ``diameter <= h_star`` (leaves always qualify)."""
+        """Return the first nodes from the roots down with ``diameter <= h_star``, else the leaves."""
         leaf = np.ones(len(self.parent), bool)
         leaf[self.parent[self.parent >= 0]] = False
         meets = leaf | (self.diameter <= h_star)

@@ -1,4 +1,4 @@
-"""Kernels for cuts through a forest: refinement of the largest values first, and grading.
+"""Compiled loops for cuts through trees: split the largest values first, limit level differences.
 
 ``trees`` are the cells in forest order, the range ``start[p]:stop[p]`` per node p, its first child, child
 count, finest level and coarsest level. The children of p are ``count[p]`` nodes from ``first[p]``;
@@ -17,7 +17,7 @@ from agglo_core.compiled.sorting import put_in, take_out
 
 @helper
 def _split(p, trees, node_of):
-    """Replace node p by its children."""
+    """Replace node p of a cut by its children."""
     cells, start, stop, first, count = trees[:5]
     for child in range(first[p], first[p] + count[p]):
         for k in range(start[child], stop[child]):
@@ -26,7 +26,7 @@ def _split(p, trees, node_of):
 
 @helper
 def _join(p, trees, node_of):
-    """Replace all nodes below p by p."""
+    """Replace all descendants of node p in a cut by p."""
     cells, start, stop = trees[:3]
     for k in range(start[p], stop[p]):
         node_of[cells[k]] = p
@@ -34,7 +34,7 @@ def _join(p, trees, node_of):
 
 @helper
 def _grade_around(begin, end, trees, adjacency, grade, node_of, log, n_log, budget):
-    """Split nodes that are too coarse for adjacent cells at positions ``begin`` to ``end``.
+    """Split nodes that are too coarse next to the cells ``begin`` to ``end`` in tree order.
 
     ``budget`` is the number of parts that may be added. Split nodes are appended to the log. Returns the log
     length and the remaining budget, which is negative if it was too small.
@@ -59,7 +59,7 @@ def _grade_around(begin, end, trees, adjacency, grade, node_of, log, n_log, budg
 
 @helper
 def _settle(n_settled, trees, adjacency, grade, node_of, log, n_log, budget):
-    """Grade around the log entries from ``n_settled`` on, and around the nodes split in the process."""
+    """Split too coarse neighbours of the nodes logged from ``n_settled`` on, including newly logged ones."""
     start, stop = trees[1], trees[2]
     while n_settled < n_log and budget >= 0:
         p = log[n_settled]
@@ -70,7 +70,7 @@ def _settle(n_settled, trees, adjacency, grade, node_of, log, n_log, budget):
 
 @kernel
 def refine_largest(trees, adjacency, grade, value, roots, most):
-    """Return the node of each cell ``(n,)`` in the cut that splits the largest value first.
+    """Refine a cut from the roots, largest value first, and return the node of each cell ``(n,)``.
 
     The cut has at most ``most`` parts.
 
@@ -116,7 +116,7 @@ def refine_largest(trees, adjacency, grade, value, roots, most):
 
 @kernel
 def make_graded(trees, adjacency, grade, node_of):
-    """Split the nodes ``node_of`` all cells until the levels of neighbours differ by at most ``grade``."""
+    """Split nodes of a cut (``node_of`` each cell) until adjacent levels differ by at most ``grade``."""
     n = len(trees[0])
     log = np.empty(len(trees[1]), np.int64)
     n_log, _ = _grade_around(0, n, trees, adjacency, grade, node_of, log, 0, n)

@@ -1,4 +1,4 @@
-"""Find the forest cut with minimum total cost and bounded number of parts: a knapsack on trees.
+"""Find the cut through trees with minimum cost and a bounded number of parts: a knapsack on trees.
 
 Tables hold the minimum cost for each number of parts above the minimum. Children of a node are summed in
 pairs, and so are these sums, so that the choices follow from the tables and need no storage.
@@ -18,7 +18,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @helper
 def _pair_up(begin, end, n_pairs, left_half, right_half, lengths, most, queue):
-    """Pair the nodes from ``begin`` to ``end``, then the pairs, until one remains, and return it.
+    """Build a balanced binary tree over the nodes ``begin`` to ``end``, and return its root.
 
     Pairs are numbered after the nodes; ``left_half`` and ``right_half`` are their halves. Also returns the
     number of pairs in all calls.
@@ -41,7 +41,7 @@ def _pair_up(begin, end, n_pairs, left_half, right_half, lengths, most, queue):
 
 @helper
 def _add_up(a, b, pair, offsets, tables):
-    """Fill a pair's table with the minimum cost over all distributions of parts to a and b."""
+    """Fill a pair's cost table: minimum cost over all distributions of its parts to halves a and b."""
     begin, length = offsets[pair], offsets[pair + 1] - offsets[pair]
     for k in range(length):
         tables[begin + k] = np.inf
@@ -56,7 +56,7 @@ def _add_up(a, b, pair, offsets, tables):
 
 @helper
 def _share(a, b, k, offsets, tables):
-    """Return how many of a pair's k additional parts belong to a."""
+    """Return how many of a pair's k additional parts belong to its half a in the optimum."""
     best, least = 0, np.inf
     for i in range(min(offsets[a + 1] - offsets[a], k + 1)):
         if k - i < offsets[b + 1] - offsets[b]:
@@ -68,7 +68,7 @@ def _share(a, b, k, offsets, tables):
 
 @helper
 def _node_table(p, count, cost, top, offsets, tables):
-    """Fill a node's table: the node itself as one part, or its children together."""
+    """Fill a node's cost table: the node itself as one part, or its children with more parts."""
     begin, fewest = offsets[p], count[p] - 1
     for k in range(1, offsets[p + 1] - begin):
         tables[begin + k] = tables[offsets[top[p]] + k - fewest] if k >= fewest else np.inf
@@ -87,7 +87,7 @@ def _fewest_of_least(begin, end, tables):
 
 @helper
 def _trace(root, best, count, top, left_half, right_half, offsets, tables, queue, n_extra, is_part):
-    """Mark the nodes behind the table entry ``best`` of ``root``."""
+    """Mark the nodes of the optimal cut, from the table entry ``best`` of ``root`` down."""
     n_nodes, size = len(count), 1
     queue[0], n_extra[0] = root, best
     while size > 0:
