@@ -1,1 +1,1 @@
-"""Constraints on parts: regions, barriers, ridges, bounds and metrics."""
+"""Constraints on parts: material regions, barriers, boundary ridges, size bounds, and metrics."""

@@ -1,4 +1,4 @@
-"""Assign cells to the two sides of barriers inside parts, continued beyond the barrier tips."""
+"""Divide parts with a barrier inside into its two sides, continued beyond the barrier's tips."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 

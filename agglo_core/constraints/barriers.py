@@ -24,7 +24,7 @@ class Barriers:
         self.pairs = np.asarray(pairs).reshape(-1, 2)
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Return a mask ``(m,)`` of the graph entries that cross a barrier face."""
+        """Return a mask ``(m,)`` of the dual edges that cross a barrier face."""
         if self.pairs.size and self.pairs.max() >= graph.n:
             raise OptionError(
                 f"a barrier is adjacent to cell {self.pairs.max()}, but there are only {graph.n} cells"
@@ -42,14 +42,14 @@ class Barriers:
         return crossings
 
     def admissible(self, graph: Graph, labels: Int) -> Mask:
-        """Return a mask ``(k,)`` of the parts without a barrier inside."""
+        """Return a mask ``(k,)`` of the parts without a barrier face in their interior."""
         good = np.ones(int(labels.max(initial=-1)) + 1, bool)
         one, other = labels[self.pairs].T
         good[one[one == other]] = False
         return good
 
     def halves(self, graph: Graph, labels: Int, through: Int) -> Int:
-        """Return sides ``(n,)`` for the nodes in parts with a barrier inside.
+        """Return the side (0 or 1) of each node ``(n,)`` in parts with a barrier inside.
 
         Cell c lies in node ``through[c]``. Nodes adjacent to a barrier are on different sides, all other
         nodes on the side of the nearest barrier node.
@@ -85,6 +85,6 @@ class BarrierTags:
         self.tags = tags
 
     def for_mesh(self, mesh: Mesh) -> Barriers:
-        """Return the barriers on this mesh, or raise OptionError for a missing tag."""
+        """Return the barriers that the tags mark on a mesh, or raise OptionError for a missing tag."""
         chosen = select_members("barriers", self.tags, mesh.face_tags, mesh.n_faces, "face")
         return Barriers(mesh.face_cells[chosen & (mesh.face_cells[:, 1] >= 0)])

@@ -19,7 +19,7 @@ _NO_LIMITS = 0.0, np.inf  # lower and upper bound of an unbounded quantity
 
 
 class Bounds:
-    """Bounds on the cells, measure or weight of parts.
+    """Bounds on the number of cells, the measure or the weight of parts.
 
     Parts that are too large are split, except single cells. Parts that are too small join the neighbour with
     the longest common interface, where size, count and other constraints allow.
@@ -61,7 +61,7 @@ class Bounds:
             raise OptionError(f"{word} needs weights: the name of cell data, or a number for each cell")
 
     def counting(self, cells: Int, weights: Float) -> Bounds:
-        """Return these bounds for agglomerates with ``cells[i]`` cells and ``weights[i]`` in node i."""
+        """Return these bounds for a coarse graph with ``cells[i]`` cells and ``weights[i]`` in node i."""
         made = copy(self)
         made._cells, made._weights = cells, weights
         return made
@@ -73,7 +73,7 @@ class Bounds:
         return weights_of(self._weights, graph.data, graph.n)
 
     def admissible(self, graph: Graph, labels: Int) -> Mask:
-        """Return a mask ``(k,)`` of parts within the upper bounds, including all single cells."""
+        """Return a mask ``(k,)`` of the parts within the upper bounds, single cells included."""
         good = np.ones(int(labels.max(initial=-1)) + 1, bool)
         for values, (_, most) in self._bounded(graph):
             good &= np.bincount(labels, values) <= most * (1 + _ROUNDING)
@@ -81,14 +81,14 @@ class Bounds:
         return allowed
 
     def incomplete(self, graph: Graph, labels: Int) -> Mask:
-        """Return a mask ``(k,)`` of parts below a lower bound."""
+        """Return a mask ``(k,)`` of the parts below a lower bound."""
         small = np.zeros(int(labels.max(initial=-1)) + 1, bool)
         for values, (least, _) in self._bounded(graph):
             small |= np.bincount(labels, values) < least * (1 - _ROUNDING)
         return small
 
     def fewest(self, graph: Graph, components: Int) -> int:
-        """Return the smallest possible number of parts, given the connected ``components (n,)``."""
+        """Return the smallest number of parts within the upper bounds, from ``components (n,)``."""
         fewest = np.ones(int(components.max()) + 1)
         for values, (_, most) in self._bounded(graph):
             if most < np.inf:  # cells above the bound stay alone
@@ -97,7 +97,7 @@ class Bounds:
         return int(fewest.sum())
 
     def evened(self, graph: Graph, labels: Int, block: Int, through: Int, whole: Graph) -> Int:
-        """Move cells between parts of a block ``block[p]`` where parts violate bounds.
+        """Even out part sizes where bounds are violated, within each block (``block[p]`` for part p).
 
         Returns the labels ``(n,)``. Cell c of the ``whole`` graph, which supplies the measures, lies in node
         ``through[c]``. Violations may remain.
@@ -108,7 +108,7 @@ class Bounds:
         return labels
 
     def _bounded(self, graph: Graph) -> Iterator[tuple[Float | Int, tuple[float, float]]]:
-        """Yield the node values ``(n,)`` and the limits on part sums for each bounded quantity."""
+        """Yield, for each bounded quantity, node values ``(n,)`` and the limits on their sums over parts."""
         for quantity, limits in self._limits.items():
             if limits == _NO_LIMITS:
                 continue
@@ -119,7 +119,7 @@ class Bounds:
 
 
 def _limits(quantity: str, least: float | None, most: float | None) -> tuple[float, float]:
-    """Check and return the bounds of a quantity, with defaults 0 and infinity."""
+    """Return the checked bounds of a quantity, with defaults 0 and infinity."""
     for name, value in ((f"max_{quantity}", most), (f"min_{quantity}", least)):
         number = isinstance(value, Real) and not isinstance(value, bool)
         if value is not None and not (number and 0 < value < np.inf):

@@ -1,4 +1,4 @@
-"""Lengths in a metric: map a mesh graph so that metric lengths become Euclidean.
+"""Anisotropic metrics: map a dual graph so that lengths in the metric become Euclidean.
 
 Diameters, centroid distances and interfaces of the mapped graph are then measured in the metric, and parts
 are long where the metric makes lengths short.
@@ -20,7 +20,7 @@ _SYMMETRY = 1e-9  # relative to the largest entry of a tensor: largest differenc
 
 
 def in_metric(mesh: Mesh | Graph, graph: Graph, metric: ArrayLike) -> Graph:
-    """Return the graph with the mesh geometry in a metric.
+    """Map the geometry of the dual graph so that lengths in a metric become Euclidean.
 
     A length is √(xᵀ M x). A constant tensor defines an exact linear map. For one tensor per cell an exact map
     may not exist, and the map is the least-squares fit along the graph edges.
@@ -55,7 +55,7 @@ def in_metric(mesh: Mesh | Graph, graph: Graph, metric: ArrayLike) -> Graph:
 
 
 def _roots(metric: ArrayLike, graph: Graph) -> Float:
-    """Return the symmetric square roots ``(d, d)`` or ``(n, d, d)``, or raise OptionError."""
+    """Return the square roots ``(d, d)`` or ``(n, d, d)`` of metric tensors, or raise OptionError."""
     tensors = plain_array(metric, "metric", OptionError)
     d = graph.dim
     if tensors.shape not in ((d, d), (graph.n, d, d)) or tensors.dtype.kind not in "iuf":
@@ -76,7 +76,7 @@ def _roots(metric: ArrayLike, graph: Graph) -> Float:
 
 
 def _map_to_euclidean(graph: Graph, roots: Float) -> tuple[Float, Float]:
-    """Map centroids and points so that metric lengths become Euclidean."""
+    """Map centroids and vertices so that lengths in the metric become Euclidean."""
     if roots.ndim == 2:
         return graph.centroids @ roots, graph.points @ roots
     # 1. Centroids by least squares.
@@ -91,7 +91,7 @@ def _map_to_euclidean(graph: Graph, roots: Float) -> tuple[Float, Float]:
 
 
 def _nearest_map(graph: Graph, roots: Float) -> Float:
-    """Return the positions ``(n, d)`` of the centroids that best fit the metric distances.
+    """Return mapped centroids ``(n, d)`` whose differences best fit the metric (least squares).
 
     Edges are weighted by interface over distance, as in a discrete gradient.
     """
@@ -148,7 +148,7 @@ def _interfaces(mesh: Mesh | Graph, graph: Graph, roots: Float) -> tuple[Float, 
 
 
 def _face_measures(roots: Float, one: Int, other: Int, vectors: Float) -> Float:
-    """Return the measures ``(f,)`` of faces between the cells ``one`` and ``other``."""
+    """Return the measures ``(f,)``, in the metric, of faces between cells ``one`` and ``other``."""
     mean = roots if roots.ndim == 2 else 0.5 * (roots[one] + roots[other])
     turned = np.linalg.solve(np.broadcast_to(mean, (len(vectors), *mean.shape[-2:])), vectors[:, :, None])
     size: Float = np.linalg.norm(turned[:, :, 0], axis=1) * np.linalg.det(mean)

@@ -1,4 +1,4 @@
-"""Constraints that divide the cells: regions, and cells that stay single."""
+"""Constraints that separate cells: regions, and cells that remain parts of their own."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Regions:
         self.values = None if values is None else owned(plain_array(values, "regions", OptionError))
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Return a mask ``(m,)`` of the graph entries between different regions."""
+        """Return a mask ``(m,)`` of the dual edges between different regions."""
         columns = [_of_cells(graph, tag) for tag in self.tags] if self.values is None else [self.values]
         different = np.zeros(len(graph.indices), bool)
         degrees = np.diff(graph.indptr)
@@ -53,7 +53,7 @@ class Regions:
 
 
 def _narrow(values: NDArray[Any]) -> NDArray[Any]:
-    """Convert values to one byte each if possible, for ten times faster comparisons across edges."""
+    """Convert integers to one byte each if their range permits, for ten times faster comparisons."""
     if values.dtype.kind in "iu" and values.size and values.max() - values.min() < 256:
         small: NDArray[Any] = (values - values.min()).astype(np.uint8)
         return small
@@ -61,7 +61,7 @@ def _narrow(values: NDArray[Any]) -> NDArray[Any]:
 
 
 class Where:
-    """Constraint: agglomerate only marked cells, and keep all other cells single.
+    """Constraint: agglomerate only marked cells, and keep every other cell as a part of its own.
 
     Parameters
     ----------
@@ -75,13 +75,13 @@ class Where:
         self.tag, self.values = tag, tuple(values)
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Return a mask ``(m,)`` of the graph entries adjacent to a cell that stays single."""
+        """Return a mask ``(m,)`` of the dual edges at cells that remain parts of their own."""
         tag = _of_cells(graph, self.tag)
         return beside(graph, ~(np.isin(tag, self.values) if self.values else in_group(tag)))
 
 
 class SingleCells:
-    """Constraint: marked cells stay single.
+    """Constraint: every marked cell remains a part of its own.
 
     Parameters
     ----------
@@ -92,12 +92,12 @@ class SingleCells:
         self.alone = alone
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Return a mask ``(m,)`` of the graph entries adjacent to a cell that stays single."""
+        """Return a mask ``(m,)`` of the dual edges at cells that remain parts of their own."""
         return beside(graph, self.alone)
 
 
 def beside(graph: Graph, marked: Mask) -> Mask:
-    """Return a mask ``(m,)`` of the graph entries with a marked cell."""
+    """Return a mask ``(m,)`` of the dual edges with a marked cell at either end."""
     found: Mask = np.repeat(marked, np.diff(graph.indptr)) | marked[graph.indices]
     return found
 

@@ -1,4 +1,4 @@
-"""Boundary rules: cells at domain edges and corners are not joined with other cells."""
+"""Boundary rules: join only cells on the same boundary patches, and keep corner cells apart."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from agglo_core.mesh.marks import in_group, values_of
 
 
 class Ridges:
-    """Constraint: join only cells that touch equal boundary patches, and no cells at corners.
+    """Constraint: join only cells that touch the same boundary patches, and no cells at corners.
 
     A patch is a set of boundary faces with equal values in all tags, at least one of them in its group. Cells
     on three or more patches in 3-D, or two in 2-D, are at a corner and stay single. Cells on two patches in
@@ -33,7 +33,7 @@ class Ridges:
         self.tags = tuple(tags)
 
     def for_mesh(self, mesh: Mesh) -> BoundaryClasses:
-        """Return the rules on this mesh, or raise OptionError without patches."""
+        """Return the boundary classes of the cells of a mesh, or raise OptionError without patches."""
         touched = _patches_of_cells(mesh, self.tags or tuple(mesh.face_tags))
         classes = np.unique(touched, axis=0, return_inverse=True)[1].reshape(-1)
         return BoundaryClasses(classes, touched.sum(axis=1) >= mesh.dim)
@@ -41,19 +41,19 @@ class Ridges:
 
 @dataclass(frozen=True)
 class BoundaryClasses:
-    """Constraint: cells in different classes are not joined, and corner cells not at all."""
+    """Constraint: cells of different boundary classes are not joined, and corner cells not at all."""
 
     classes: Int
     corner: Mask
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Return a mask ``(m,)`` of the graph entries between classes or at a corner."""
+        """Return a mask ``(m,)`` of the dual edges between classes or at a corner cell."""
         mask: Mask = Regions(values=self.classes).forbidden(graph) | beside(graph, self.corner)
         return mask
 
 
 def _patches_of_cells(mesh: Mesh, tags: tuple[str, ...]) -> Mask:
-    """Return a mask ``(n, patches)``: True where a cell touches a patch."""
+    """Return a mask ``(n, patches)`` of the boundary patches that each cell touches."""
     if not tags:
         raise OptionError(
             "ridges: the mesh has no boundary patches (face tags: none); add them with mesh.with_face_tags"
