@@ -238,7 +238,7 @@ def check_labels(labels: ArrayLike, n: int) -> Int:
 
 
 def check_tags(kind: str, tags: Mapping[str, ArrayLike], count: int) -> dict[str, Int]:
-    """Return tags as read-only int64 arrays ``(count,)``, or raise MeshError with the tag name."""
+    """Return checked tags as read-only int64 arrays ``(count,)`` by name, or raise MeshError."""
     checked = {}
     for name, values in tags.items():
         array = plain_array(values, f"{kind} tag {name!r}")

@@ -28,7 +28,7 @@ def in_group(values: NDArray[Any]) -> Mask:
 
 
 def select_members(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: int, what: str) -> Mask:
-    """Return the mask ``(n,)`` of cells or faces selected by ``given``.
+    """Return the mask ``(n,)`` of cells or faces selected by tag names, tag values, or a mask.
 
     A name selects the members of that group (see :func:`in_group`), ``name=value`` the members with that
     value, and several names select their union. A mapping holds values or lists of values by name. A boolean

@@ -365,7 +365,7 @@ class Mesh(FieldState, Derived, Tagged):
         return mesh_from_shapely(polygons, cell_tags=cell_tags, tolerance=tolerance, strict=strict, name=name)
 
     def to_shapely(self) -> NDArray[np.object_]:
-        """Return each cell as a valid shapely Polygon or MultiPolygon ``(n_cells,)``, with all holes."""
+        """Return cells as valid shapely polygons or multipolygons ``(n_cells,)``, with holes and pinches."""
         from agglo_core.interchange import mesh_to_shapely
 
         return mesh_to_shapely(self)

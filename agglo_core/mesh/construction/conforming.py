@@ -292,6 +292,6 @@ def _merge_points(n: int, outer: Outer, pieces: _Pieces, place: Int) -> tuple[In
 
 
 def _mark_common_pairs(pairs: Int, others: Int, n: int) -> Mask:
-    """Return the mask of index pairs (indices below n) that occur among the others, in either order."""
+    """Mark the index pairs (indices below n) that also occur among the others, in either order."""
     key, known = (np.sort(each, axis=1) @ [n, 1] for each in (pairs, others))
     return np.isin(key, known)

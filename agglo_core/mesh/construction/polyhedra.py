@@ -197,7 +197,7 @@ def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used_points: Int) -> 
 
 
 def _pair_by_sorting(cell_of: Int, loop_offsets: Int, vertices: Int, used_points: Int) -> tuple[Int, Int]:
-    """Pair half-faces by sorting, or explain why three half-faces have equal vertices.
+    """Pair half-faces by sorting, or raise MeshError where three have equal vertices.
 
     Raises MeshError with the reason if three half-faces have equal vertices.
     """

@@ -121,7 +121,7 @@ def _candidates(outer: Outer) -> Iterator[Int]:
 
 
 def find_contacts(outer: Outer, pairs: Int, reach: Float) -> Contacts:
-    """Return the face pairs that coincide within their distances ``reach (k,)``, with details."""
+    """Return the face pairs that coincide within ``reach (k,)``, with overlaps and common points."""
     return _edges(outer, pairs, reach) if outer.points.shape[1] == 2 else _plates(outer, pairs, reach)
 
 

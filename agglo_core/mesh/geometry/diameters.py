@@ -74,7 +74,7 @@ def compared_diameters(
 def wide_parts(
     labels: Int, asked: Mask, limit: float, vertex_offsets: Int, vertices: Index, points: Float
 ) -> Mask:
-    """Return the mask of parts with a diameter above ``limit``, among the parts ``asked (k,)``.
+    """Return the mask of parts with a diameter above ``limit``, among those in the mask ``asked (k,)``.
 
     The labels ``(n,)`` are below k.
 

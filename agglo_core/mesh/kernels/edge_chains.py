@@ -61,7 +61,7 @@ def _walk(ends, at, joint, e, v, visited, edges, vertices, n_edges, n_chains):
 
 @kernel
 def walk_chains(points, ends, joint, at):
-    """Trace chains of edges ``ends (E, 2)`` through the vertices ``joint``, which have two edges ``at``.
+    """Trace chains of edges ``ends (E, 2)`` through the vertices ``joint`` of degree two (edges ``at``).
 
     ``joint (n_points,)`` is a mask, ``at`` has a row per point. Chain c has
     ``edges[offsets[c]:offsets[c + 1]]`` and one vertex more; a closed chain begins and ends at its sharpest
@@ -169,7 +169,7 @@ def _remove_if_superfluous(points, vertices, i, j, position, limit, keep):
 
 @kernel
 def thin_chains(points, offsets, vertices, limits, chains, keep):
-    """Mark in ``keep`` the vertices that keep thinned chains within ``limits`` of the removed vertices.
+    """Thin edge chains: mark in ``keep`` vertices such that all others lie within ``limits`` of the result.
 
     The vertices of chain c are at ``offsets[c] + c`` to ``offsets[c + 1] + c``. A closed chain keeps at least
     three. ``limits (n,)`` are lengths, one per chain; ``keep`` has an entry per position in ``vertices`` and

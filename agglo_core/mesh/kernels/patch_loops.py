@@ -9,7 +9,7 @@ from agglo_core.compiled.compiling import kernel
 
 @kernel
 def outlines(offsets, tails, heads, n_points):
-    """Return the boundary vertices of each patch in order, and True where they form one simple loop.
+    """Return the boundary vertices of each patch in order, and a flag for patches with one simple loop.
 
     The edges of patch p, in any order, are ``offsets[p]`` to ``offsets[p + 1]``, each from a point in
     ``tails`` to a point in ``heads``. A patch without edges is no simple loop, and the vertices of such

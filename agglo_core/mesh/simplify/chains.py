@@ -38,7 +38,7 @@ class Chains(NamedTuple):
         return frozen_int(np.arange(len(self.edges)) + self.of_edges)
 
     def thin(self, points: Float, limits: Float, chains: Int, keep: Mask) -> None:
-        """Mark the vertices that keep thinned chains within ``limits (n,)`` of the removed vertices."""
+        """Mark vertices to keep such that all others lie within ``limits (n,)`` of the new chains."""
         from agglo_core.mesh.kernels.edge_chains import thin_chains
 
         thin_chains(points, self.offsets, self.vertices, frozen_float(limits), frozen_int(chains), keep)
@@ -64,7 +64,7 @@ def ends_at(ends: Int, n_points: int) -> tuple[Mask, Int]:
 
 
 def chains_of(points: Float, ends: Int, joint: Mask, at: Int) -> Chains:
-    """Trace chains of edges ``(E, 2)`` through the vertices ``joint``, which have two edges ``at``."""
+    """Trace chains of edges ``(E, 2)`` through the vertices ``joint`` of degree two (edges ``at``)."""
     from agglo_core.mesh.kernels.edge_chains import walk_chains
 
     return Chains(*map(frozen_int, walk_chains(points, ends, joint, at)))

@@ -17,7 +17,7 @@ _SLACK = 4.0  # tolerance of planes through rounded points, in units of rounding
 
 
 class _Loops(NamedTuple):
-    """Faces as loops: loop l has ``vertices[offsets[l]:offsets[l + 1]]``.
+    """Faces as vertex loops: loop l has ``vertices[offsets[l]:offsets[l + 1]]``.
 
     ``faces`` maps old faces to loops.
     """
@@ -99,7 +99,7 @@ def _join_outlines(mesh: Derived, patch: Int, around: Int, outline: Int, whole: 
 
 
 def _patches(mesh: Derived, tags: Mapping[str, Int], f: Int, g: Int, ways: Mask) -> Int:
-    """Return the index of the flat patch that contains each face.
+    """Return the index of the flat patch (set of coplanar faces) that contains each face.
 
     Faces f and g share an edge, traversed in the same direction if ``ways``.
     """
