@@ -174,7 +174,7 @@ class BlockGraph(FieldState, Loaded):
         return self.subgraph(nodes, offsets)
 
     def without_edges(self, removed: ArrayLike) -> Self:
-        """Return the graph without the edges in the mask ``removed (m,)`` over the CSR entries.
+        """Return the graph without the edges marked in ``removed (m,)``, a mask of the CSR entries.
 
         The mask contains both directions of each edge.
 

@@ -1,4 +1,4 @@
-"""Compute block geometry: extents, sums, principal frames, weighted medians.
+"""Geometry of blocks (independent sets of nodes): extents, sums, principal axes, weighted medians.
 
 All blocks of a recursion depth are processed together. Sums use ``np.bincount`` and cumulated weights are
 integers, so that the result for a block does not depend on other blocks, to the last bit.
@@ -26,7 +26,7 @@ _SHARE_BITS = 40  # bits of integer shares: the sum over 2**23 blocks fits into 
 
 
 def split_at_median(level: Graph, projection: Float, tie: Float, shares: Float | None = None) -> Int:
-    """Bisect each block at the weighted median of ``projection``, or at another share of the mass.
+    """Bisect each block at the weighted median of ``projection``, or at another mass fraction.
 
     Projections closer than 1e-7 of their extent in the block count as equal; the ``tie`` columns, not the
     cell numbers, decide between them.
@@ -70,7 +70,7 @@ def split_at_median(level: Graph, projection: Float, tie: Float, shares: Float |
 
 
 def principal_frames(level: Graph) -> tuple[Float, Float]:
-    """Compute the principal axes of each block's weighted centroids, and the coordinates in them.
+    """Compute principal axes of each block's weighted centroids, and the centroid coordinates in them.
 
     Axes with second moments within a factor 0.9 are rotated in their plane to the smallest fourth moments
     (along the sides of a square). Each axis points to its heavier tail (positive third moment), so that

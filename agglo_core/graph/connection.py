@@ -39,7 +39,7 @@ def parts_connected(indptr: Int, indices: Index, labels: Int) -> bool:
 
 
 def broken_parts(indptr: Int, indices: Index, labels: Int | Index, asked: Mask) -> Mask:
-    """Return the mask of disconnected parts, among the parts ``asked (k,)``.
+    """Return the mask of disconnected parts, among those in the mask ``asked (k,)``.
 
     The labels ``(n,)`` are below k.
 

@@ -1,4 +1,4 @@
-"""Objectives of partitions (lower is better) for refiners, laws and comparisons.
+"""Objectives of partitions (lower is better) for refiners, comparisons, and tests of components.
 
 >>> from agglo_core import samples
 >>> from agglo_core.graph.objectives import OBJECTIVES
