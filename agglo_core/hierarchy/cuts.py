@@ -98,7 +98,7 @@ class Cut:
 
     @property
     def labels(self) -> Int:
-        """Part of each cell ``(n,)``, with parts numbered by their smallest cells."""
+        """Part of each cell ``(n,)``, with parts numbered by their smallest cell indices."""
         labels: Int = self.__dict__["_labels"]
         return labels
 

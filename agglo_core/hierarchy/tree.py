@@ -70,7 +70,7 @@ class Tree:
         return by_first_cell(labels)
 
     def cut(self, h_star: float) -> Int:
-        """Return the first nodes from the roots down with ``diameter <= h_star``, else the leaves."""
+        """Return the first node with ``diameter <= h_star`` on each path from a root, or the leaf."""
         leaf = np.ones(len(self.parent), bool)
         leaf[self.parent[self.parent >= 0]] = False
         meets = leaf | (self.diameter <= h_star)
