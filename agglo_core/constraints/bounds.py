@@ -67,7 +67,7 @@ class Bounds:
         return made
 
     def weights(self, graph: Graph) -> Float:
-        """Return the cell weights ``(n,)``, 0 for bounds without weights."""
+        """Return the cell weights ``(n,)``, or zeros if the bounds have none."""
         if self._weights is None:
             return np.broadcast_to(0.0, graph.n)
         return weights_of(self._weights, graph.data, graph.n)
@@ -88,7 +88,7 @@ class Bounds:
         return small
 
     def fewest(self, graph: Graph, components: Int) -> int:
-        """Return the smallest number of parts within the upper bounds, from ``components (n,)``."""
+        """Return the smallest number of parts within the upper bounds, for connected ``components (n,)``."""
         fewest = np.ones(int(components.max()) + 1)
         for values, (_, most) in self._bounded(graph):
             if most < np.inf:  # cells above the bound stay alone
