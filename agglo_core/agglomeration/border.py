@@ -1,4 +1,4 @@
-"""Check component results and name the component in errors."""
+"""Check the results of components, and name the component in error messages."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from agglo_core.registry.containment import shown
 
 
 def bisector_for(member: Member, target: Target) -> Member:
-    """Return the bisector adapted to this target, or ``member`` itself if nothing changes."""
+    """Return the bisector adapted to this target, or ``member`` itself if the target changes nothing."""
     if not callable(getattr(member.tool, "for_target", None)):
         return member
     with attributed(member.title):
@@ -34,7 +34,7 @@ def bisector_for(member: Member, target: Target) -> Member:
 
 
 def request_sides(member: Member, level: Graph, seeds: UInt64) -> Int:
-    """Return the sides ``(n,)`` in {0, 1} from the bisector, with probabilities rounded (1 iff p >= 0.5)."""
+    """Return each cell's side ``(n,)`` from the bisector, with probabilities rounded (1 iff p >= 0.5)."""
     with attributed(member.title):
         if callable(getattr(member.tool, "bisect_level", None)):
             returned = member.tool.bisect_level(level, seeds)
@@ -44,7 +44,7 @@ def request_sides(member: Member, level: Graph, seeds: UInt64) -> Int:
 
 
 def sides_by_share(member: Member, level: Graph, seeds: UInt64, shares: Float | None) -> tuple[Int, Int]:
-    """Return the sides ``(n,)`` and the blocks whose cut must still move to its share.
+    """Return the sides ``(n,)``, and the blocks whose sides do not yet have the required mass shares.
 
     Blocks with a mass share below 1/2 are split by ``bisect_shares`` if the bisector has this method. Then
     only blocks with an empty side remain.
@@ -66,7 +66,7 @@ def sides_by_share(member: Member, level: Graph, seeds: UInt64, shares: Float | 
 
 
 def _as_sides(member: Member, level: Graph, returned: Any) -> Int:
-    """Convert a bisector result to sides 0 and 1, or raise PluginError.
+    """Convert a bisector's result to sides 0 and 1, or raise PluginError if it is invalid.
 
     Probabilities are rounded.
     """
@@ -86,7 +86,7 @@ def _as_sides(member: Member, level: Graph, returned: Any) -> Int:
 
 
 def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[Any]:
-    """Bisect all blocks with a single-graph bisector: one call and one generator per block."""
+    """Bisect the blocks one after the other, each with its own random generator."""
     sides = []
     for b in range(level.n_blocks):
         piece = level[b]
@@ -100,7 +100,7 @@ def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[
 
 
 def check_parts(member: Member, given: Any, n: int, parts: int) -> Int:
-    """Return direct-partition labels ``(n,)`` without gaps, at most ``parts`` parts."""
+    """Check the labels ``(n,)`` of a direct partition into at most ``parts`` parts, and close gaps."""
     labels = _integers(member, "partition", given, n)
     if labels.min() < 0 or labels.max() >= parts:
         raise PluginError(
@@ -110,7 +110,7 @@ def check_parts(member: Member, given: Any, n: int, parts: int) -> Int:
 
 
 def check_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given: Any, *, tested: bool) -> Int:
-    """Return labels ``(n,)`` that split each piece into as many parts as its quota.
+    """Check that the labels ``(n,)`` split each piece into as many parts as its quota, and return them.
 
     If ``tested``, the parts must be connected.
     """
@@ -126,7 +126,7 @@ def check_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given: A
 
 
 def check_split_to_size(member: Member, graph: Graph, pieces: Int, given: Any, *, tested: bool) -> Int:
-    """Return labels ``(n,)`` that split the pieces into any number of parts.
+    """Check that every part has cells and lies in one piece, and return the labels ``(n,)``.
 
     If ``tested``, the parts must be connected.
     """
@@ -138,7 +138,7 @@ def check_split_to_size(member: Member, graph: Graph, pieces: Int, given: Any, *
 
 
 def check_widths(member: Member, labels: Int, wide: Mask, limit: float) -> int:
-    """Count the parts ``wide (k,)``, or raise PluginError if such a part has several cells."""
+    """Count the parts marked in ``wide (k,)``, or raise PluginError if one of them has several cells."""
     if not wide.any():
         return 0
     if (wide & (np.bincount(labels, minlength=len(wide)) > 1)).any():
@@ -149,7 +149,10 @@ def check_widths(member: Member, labels: Int, wide: Mask, limit: float) -> int:
 def _check_growth(
     member: Member, graph: Graph, pieces: Int, total: int, returned: Any, *, tested: bool
 ) -> tuple[Int, Int]:
-    """Return the part labels and the piece ``(total,)`` of each part, −1 if unused."""
+    """Check the labels of a recursive bisection, and return them with the piece of each part ``(total,)``.
+
+    The piece of an unused label is −1.
+    """
     labels = _integers(member, "grow", returned, graph.n)
     if labels.min() < 0 or labels.max() >= total:
         raise PluginError(
@@ -168,7 +171,7 @@ def _check_growth(
 
 
 def check_labels(member: Member, method: str, graph: Graph, before: Int, given: Any) -> Int:
-    """Check labels from a component: each block must keep its labels ``before``."""
+    """Check that a component neither emptied nor created a part in any block, and return its labels."""
     after = _integers(member, method, given, graph.n)
     stride = int(before.max()) + 1
     if after.min() < 0 or after.max() >= stride:
@@ -223,7 +226,7 @@ def require_no_worse(member: Member, graph: Graph, before: Int, after: Int) -> N
 
 
 def _integers(member: Member, method: str, returned: Any, n: int) -> Int:
-    """Return integers ``(n,)`` from a component, or raise PluginError."""
+    """Return a component's result as ``(n,)`` integers, or raise PluginError if it is anything else."""
     with attributed(f"{member.title}: {method}"):
         labels = plain_array(returned, "the result", PluginError)
     if labels.shape != (n,) or labels.dtype.kind not in "iub":
@@ -238,7 +241,7 @@ def _in_words(returned: Any, array: NDArray[Any]) -> str:
 
 
 def _present(graph: Graph, labels: Int, stride: int) -> Mask:
-    """Return a mask ``(B, stride)`` of the labels 0..stride−1 present in each block."""
+    """Return a mask ``(B, stride)`` of the labels 0..stride−1 that occur in each block."""
     room = graph.n_blocks * stride
     return (np.bincount(graph.block_ids * stride + labels, minlength=room) > 0).reshape(-1, stride)
 

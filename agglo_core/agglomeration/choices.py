@@ -1,4 +1,4 @@
-"""Turn component choices (a name, a name with options, an object) into run components."""
+"""Build a run's components from the user's choices: names, names with options, or objects."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _stand_in(bisector: Member, reason: str, choice: Choice, registry: Registry)
 
 
 def build_component(kind: str, choice: Choice, registry: Registry) -> tuple[Member, Choice | None]:
-    """Return the component for a choice, and the fallback that it declares."""
+    """Build the chosen component, and return it with its declared fallback component."""
     if isinstance(choice, str | tuple):
         name, options = (choice, {}) if isinstance(choice, str) else name_and_options(kind, choice)
         record = registry.record(kind, name)
@@ -73,7 +73,7 @@ def build_component(kind: str, choice: Choice, registry: Registry) -> tuple[Memb
 
 
 def short_name(choice: Choice) -> str:
-    """Return the name that the statistics use for a choice."""
+    """Return the name of a chosen component for the statistics."""
     if isinstance(choice, str):
         return choice
     return choice[0] if isinstance(choice, tuple) else type(choice).__name__

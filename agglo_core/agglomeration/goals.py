@@ -1,4 +1,4 @@
-"""Level goals (sizes and counts), and the distribution of counts over components and sides."""
+"""Goals of the levels (part sizes or counts), and the division of counts among components and sides."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from agglo_core.protocols import Target
 
 
 class TooFewPartsError(OptionError):
-    """Fewer parts requested than the mesh has components."""
+    """Error: fewer parts requested than the mesh has connected components."""
 
     def __init__(self, parts: int, components: int) -> None:
         self.parts, self.components = parts, components
@@ -30,7 +30,7 @@ class TooFewPartsError(OptionError):
 
 
 def apportion(k: int, measures: Float, cells: Int, least: Int | int = 1) -> Int:
-    """Divide k parts among pieces by measure.
+    """Divide k parts among pieces in proportion to their measures.
 
     Each piece gets at least ``least`` parts and at most as many parts as cells. The quotas add up to k.
     Pieces whose share lies beyond these limits get the limit, and the other pieces divide the rest in
@@ -76,7 +76,7 @@ def _scale_to_limits(ideal: Float, k: int, least: Int | int, cells: Int) -> Floa
 
 
 def split_quotas(quotas: Float, measures: Float, cells: Int) -> Float:
-    """Return the side quotas ``(2B,)``: ``clamp(round(k · measure share), 1, min(k − 1, cells))``.
+    """Return each side's part count ``(2B,)``: ``clamp(round(k · measure share), 1, min(k − 1, cells))``.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class SizeGoal:
-    """Goal: no part is wider than ``h_star``, except single cells.
+    """Goal of a level: no part has a diameter above ``h_star``, except single cells.
 
     The state is the piece's diameter. The diameter is exact near ``h_star`` and near the ``coarser`` sizes,
     which are also requested. Elsewhere the state is any number on the correct side of all sizes.
@@ -121,20 +121,20 @@ class SizeGoal:
 
     @property
     def limit(self) -> float:
-        """Largest diameter of a part, including a tolerance for rounding errors."""
+        """Largest admissible diameter of a part, including a tolerance for rounding errors."""
         return self.h_star * (1 + _ROUNDING)
 
     @property
     def target(self) -> Target:
-        """Target for the components."""
+        """This goal as the target that components receive."""
         return Target(h_star=self.h_star)
 
     def record(self, parts: int) -> Mapping[str, Any]:
-        """Return the target description for a level with ``parts`` parts."""
+        """Return the requested target as keywords and values, for a level with ``parts`` parts."""
         return self.asked
 
     def estimate(self, graph: Graph) -> int:
-        """Estimate the part count for a direct partition.
+        """Estimate the number of parts with diameter ``h_star`` for a direct k-way partition.
 
         Typical parts fill half a ball with diameter ``h_star``.
         """
@@ -145,7 +145,7 @@ class SizeGoal:
     def assess(
         self, graph: Graph, order: Int, offsets: Int, above: Float | None = None
     ) -> tuple[Float, Mask]:
-        """Return the states and a finished mask, given the parent states ``above``."""
+        """Return the diameters of the pieces, and a mask of the pieces that meet the goal."""
         shape = graph.vertex_offsets, graph.vertices, graph.points
         diameter = compared_diameters(offsets, order, *shape, self._limits)
         return diameter, (diameter <= self.limit) | (np.diff(offsets) == 1)
@@ -157,7 +157,7 @@ class SizeGoal:
 
 @dataclass(frozen=True)
 class CountGoal:
-    """Goal: the level has ``parts`` parts.
+    """Goal of a level: a number of parts.
 
     The state is the piece's quota: the number of parts to split it into. A piece with quota 1 is finished.
     Splits distribute the quota by mass. The initial pieces also get quotas by mass, unless their ``quotas``
@@ -172,31 +172,31 @@ class CountGoal:
 
     @property
     def limit(self) -> float:
-        """Infinity, because parts may have any size."""
+        """Largest admissible diameter of a part: infinity, because only the number of parts counts."""
         return np.inf
 
     @property
     def target(self) -> Target:
-        """Target for the components."""
+        """This goal as the target that components receive."""
         return Target(parts=self.parts)
 
     def record(self, parts: int) -> Mapping[str, Any]:
-        """Return the target description for a level with ``parts`` parts."""
+        """Return the requested target as keywords and values, for a level with ``parts`` parts."""
         return self.asked if self.exact else {**self.asked, "n_parts": parts}
 
     def shares(self, measures: Float, cells: Int) -> Int:
-        """Return the quotas for the initial pieces: see :func:`apportion`."""
+        """Divide the part count among the initial pieces by measure: see :func:`apportion`."""
         parts = self.parts if self.exact else int(np.clip(self.parts, len(cells), cells.sum()))
         return apportion(parts, measures, cells)
 
     def estimate(self, graph: Graph) -> int:
-        """Return the number of parts to request from a direct partition."""
+        """Return the number of parts to request from a direct k-way partition."""
         return self.parts
 
     def assess(
         self, graph: Graph, order: Int, offsets: Int, above: Float | None = None
     ) -> tuple[Float, Mask]:
-        """Return the states and a finished mask, given the parent states ``above``."""
+        """Divide the quotas ``above`` of the parents among the pieces, and mark the pieces with quota 1."""
         if above is not None:
             quotas = split_quotas(above, _sums(graph.mass, order, offsets), np.diff(offsets))
         elif self.quotas is not None:
@@ -213,7 +213,7 @@ Goal = SizeGoal | CountGoal
 
 
 def check_targets(targets: Mapping[str, Any]) -> None:
-    """Raise OptionError unless all targets are of one kind and satisfiable on some mesh."""
+    """Raise OptionError if targets of several kinds are given, or a value is invalid on every mesh."""
     values = {name: value for name, value in targets.items() if value is not None}
     if len(values) > 1:
         raise OptionError(f"give one kind of target, not {' and '.join(values)}")
@@ -232,7 +232,7 @@ def resolve_goals(
     components: Callable[[], Int] | None = None,
     **targets: Numbers | None,
 ) -> tuple[Goal, ...]:
-    """Return the run's goals, finest first, from a single target kind.
+    """Convert the targets of a run, all of one kind, to the goals of its levels, finest first.
 
     The default target is ``h_factor=(2, 4, 8)``, in units of the mesh size ``h0()``. On a connected mesh
     ``cells_per_part=c`` means round(n / c) parts. In general each connected component of up to c cells is one

@@ -1,4 +1,4 @@
-"""Run keywords: name, default, role and help text.
+"""Keywords of an agglomeration run: name, default, role and help text of each.
 
 Besides the signature and docstring of :func:`~agglo_core.agglomeration.one_call.agglomerate`, which a test
 compares with this table, there is no other keyword list. Pipelines, TOML files and the command line take
@@ -40,7 +40,7 @@ def _about(text: str, role: Role = "step", *, component: str = "") -> dict[str, 
 
 @dataclass(frozen=True)
 class Keywords:
-    """Run keywords, described in :func:`~agglo_core.agglomerate`."""
+    """Keywords of an agglomeration run, described in :func:`~agglo_core.agglomerate`."""
 
     bisector: Choice = field(
         default="kmeans", metadata=_about("How a piece is split (default kmeans).", component="bisector")

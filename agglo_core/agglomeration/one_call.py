@@ -1,4 +1,4 @@
-""":func:`agglomerate`: a run in one call."""
+"""The function :func:`agglomerate`: a complete agglomeration run in one call."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ def agglomerate(
 
 
 def replace_keywords(base: Pipeline, given: Mapping[str, Any]) -> Pipeline:
-    """Return the pipeline with the given keywords, where None keeps the ``base`` value.
+    """Return a copy of the pipeline ``base`` with the given keywords, where None keeps its value.
 
     A target replaces any other target, and resets the keywords that it excludes. Counts reset ``merge``.
     Sizes reset ``balance``, and ``weights`` unless there are bounds on weights.

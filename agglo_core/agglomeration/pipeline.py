@@ -35,7 +35,7 @@ from agglo_core.threads import thread_count, using_threads
 
 @dataclass(frozen=True)
 class Pipeline(Rules):
-    """Run configuration: components, targets and rules.
+    """Configuration of an agglomeration run: components, targets and rules.
 
     Names are looked up when the run starts. The parameters are the keywords of
     :func:`~agglo_core.agglomerate` that define the result, from ``bisector`` to ``lines``, with equal meaning
@@ -96,7 +96,7 @@ class Pipeline(Rules):
         verbose: bool = False,
         threads: int | None = None,
     ) -> Hierarchy:
-        """Agglomerate ``mesh`` with names from ``registry`` (see :func:`~agglo_core.agglomerate`)."""
+        """Agglomerate ``mesh`` with components from ``registry`` (see :func:`~agglo_core.agglomerate`)."""
         count = thread_count() if threads is None else threads  # read the environment once
         with followed(progress, verbose) as listen, using_threads(count):
             return self._hierarchy(mesh, default() if registry is None else registry, listen)
@@ -138,7 +138,7 @@ class Pipeline(Rules):
     def goals(
         self, n_cells: int, mesh_size: Callable[[], float], components: Callable[[], Int]
     ) -> tuple[Goal, ...]:
-        """Return the goals for ``n_cells`` cells, finest first (:func:`~.goals.resolve_goals`)."""
+        """Return the levels' goals for ``n_cells`` cells, finest first (:func:`~.goals.resolve_goals`)."""
         return resolve_goals(
             n_cells,
             mesh_size,

@@ -1,4 +1,4 @@
-"""A run: components, seed and statistics."""
+"""One agglomeration run: its components, seed and statistics."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _APART = np.uint64(0xBF58476D1CE4E5B9)  # increment between the seed roots of tw
 
 @dataclass(slots=True)
 class Timed:
-    """Context that adds its CPU time to ``seconds[phase]``.
+    """Context manager that adds the CPU time spent in it to ``seconds[phase]``.
 
     A class, because generator contexts are slower to enter.
     """
@@ -55,7 +55,7 @@ class Timed:
 
 @dataclass
 class Statistics:
-    """Run statistics: counts, and CPU seconds by phase.
+    """Statistics of a run: counts, and CPU seconds by phase.
 
     ``time_limits`` counts the searches that a time limit ended.
     """
@@ -71,16 +71,16 @@ class Statistics:
     seconds: dict[str, float] = field(default_factory=dict)
 
     def timed(self, phase: str) -> Timed:
-        """Return a context that adds its CPU time to ``seconds[phase]``."""
+        """Return a context manager that adds the CPU time spent in it to ``seconds[phase]``."""
         return Timed(self.seconds, phase)
 
     def told(self) -> dict[str, Any]:
-        """Copy all values by name, ten times as fast as :func:`dataclasses.asdict`."""
+        """Return a copy of all values as a dictionary, ten times as fast as :func:`dataclasses.asdict`."""
         return vars(self) | {"seconds": dict(self.seconds)}
 
     @contextmanager
     def limited(self) -> Iterator[None]:
-        """Context that counts the searches ended by a time limit."""
+        """Context manager that counts the searches ended by a time limit."""
         with noted_limits() as noted:
             yield
         self.time_limits += len(noted)
@@ -88,7 +88,7 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Run:
-    """Run components, seed and statistics.
+    """One agglomeration run: its components, seed and statistics.
 
     Every component output is checked.
 
@@ -131,7 +131,7 @@ class Run:
     progress: Listener | None = None
 
     def on_level(self, place: int, count: int) -> Run:
-        """Return the run with progress labelled as coarse level ``place`` of ``count``."""
+        """Return the run with its progress messages labelled as coarse level ``place`` of ``count``."""
         if self.progress is None or count == 1:
             return self
         return replace(self, progress=labelled(self.progress, f"level {place + 1} of {count}"))
@@ -142,7 +142,7 @@ class Run:
         return self if told is self.bisector else replace(self, bisector=told)
 
     def seeds(self, stage: int, count: int) -> UInt64:
-        """Return seeds ``(count,)`` for the initial pieces in a stage (coarse level, pass)."""
+        """Return random seeds ``(count,)`` for the initial pieces of a stage, such as a coarse level."""
         root: UInt64 = np.full(count, stage, np.uint64) * _APART
         root += np.uint64(self.seed)
         place: UInt64 = np.arange(count, dtype=np.uint64)
@@ -170,12 +170,12 @@ class Run:
         return shift_cuts(level, sides, uneven, shares)
 
     def note_widths(self, labels: Int, wide: Mask, limit: float) -> None:
-        """Record the number of wide single cells, and check that no part ``wide (k,)`` has several cells."""
+        """Record the number of parts marked in ``wide (k,)``, and check that they are single cells."""
         alone = check_widths(self.bisector, labels, wide, limit)
         self.statistics.oversized_cells = max(alone, self.statistics.oversized_cells)
 
     def count_depths(self, depths: Int) -> None:
-        """Add the counts ``(depths, 3)`` of split pieces, cells and repairs."""
+        """Add the counts ``(depths, 3)`` of split pieces, cells and repairs to the statistics."""
         for blocks, cells, mended in depths.tolist():
             self.statistics.depth += 1
             self.statistics.bisections += blocks
@@ -202,7 +202,7 @@ class Run:
         return check_parts(member, given, graph.n, most)
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target, *, post: bool = False) -> Int:
-        """Apply all (post-)refiners, each of which keeps every block's label set."""
+        """Apply all (post-)refiners in turn, and check that each keeps the parts of every block."""
         for member in self.post_refiners if post else self.refiners:
             with attributed(member.title), self.statistics.limited():
                 given = member.tool.refine(graph, frozen_int(labels), seeds, target)
@@ -212,7 +212,7 @@ class Run:
         return labels
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
-        """Apply all post-refiners, which keep all parts, and part p within ``block[p]``."""
+        """Apply all post-refiners to the whole graph, where part p stays in block ``block[p]``."""
         for member in self.post_refiners:
             with attributed(member.title), self.statistics.limited():
                 given = member.tool.refine_parts(graph, labels, block, target)

@@ -1,4 +1,4 @@
-"""Read a run's TOML file.
+"""Read the configuration of a run from a TOML file.
 
 The keys are checked against the keywords, and components become choices.
 """
@@ -16,7 +16,7 @@ from agglo_core.registry.toml_files import read_toml
 
 
 def read_run_file(path: Path, *, allow_code: bool = False) -> dict[str, Any]:
-    """Read the run keywords from a TOML file, with components as choices.
+    """Read the keywords of a run, including its choices of components, from a TOML file.
 
     Parameters
     ----------

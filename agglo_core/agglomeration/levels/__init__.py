@@ -1,1 +1,1 @@
-"""Level construction: recursion, growth, direct partitions, lines and post-passes."""
+"""Construct the levels: recursive bisection, k-way partition, lines of cells, and post-processing."""

@@ -1,4 +1,4 @@
-"""Growth: a single bisector call makes all splits on a level.
+"""Growth: the bisector performs all recursive splits of a level in one call.
 
 A bisector with a method ``grow`` splits pieces recursively, including refinement and fixing. The driver then
 checks the result once per level instead of once per depth.
@@ -23,7 +23,7 @@ from agglo_core.registry.attribution import attributed
 
 
 class Growth(Protocol):
-    """Recursive splitting of graph pieces."""
+    """Recursive bisection of graph pieces, performed by the bisector in one call per level."""
 
     def split(self, quotas: Int, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
         """Split piece i, with the seed ``seeds[i]``, into ``quotas[i]`` connected pieces.
@@ -36,21 +36,24 @@ class Growth(Protocol):
 
 @runtime_checkable
 class GrowthToSize(Growth, Protocol):
-    """Optional: growth that also stops at a size."""
+    """Optional: growth that can also bisect until all parts are small enough."""
 
     def split_to_size(self, limit: float, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
-        """Split the pieces until only single cells are wider than ``limit``, and return as ``split``."""
+        """Split the pieces until only single cells are wider than ``limit``.
+
+        The results are those of ``split``.
+        """
 
 
 @runtime_checkable
 class RestartedGrowth(Growth, Protocol):
-    """Optional: growth that can restart from other pieces.
+    """Optional: growth that can restart from other initial pieces.
 
     A restart is cheaper than a new growth object.
     """
 
     def restart(self, pieces: Int) -> None:
-        """Set the connected ``pieces (n,)`` for the next call."""
+        """Set the connected ``pieces (n,)`` from which the next call starts."""
 
 
 @runtime_checkable
@@ -58,7 +61,7 @@ class Growing(Protocol):
     """Optional: a bisector that makes, refines and fixes all splits itself."""
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> Growth | None:
-        """Return growth from the connected ``pieces (n,)``, or None for calls depth by depth.
+        """Return growth from the connected ``pieces (n,)``, or None if it does not support the components.
 
         The parts must be as good as the joint result of ``bisect_level``, the refiners and the fixer. A
         bisector that cannot replace these components returns None.
@@ -66,10 +69,11 @@ class Growing(Protocol):
 
 
 def grow_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -> list[Int] | None:
-    """Return the coarse-level labels, finest first, or None for unsupported goals.
+    """Compute all levels with one bisector call each, finest first, or return None if this is unsupported.
 
-    The coarsest level comes first in the computation. Each level's parts are the initial pieces for the next
-    level.
+    The result is None if the bisector has no method ``grow``, declines the run's components, depends on the
+    target, or does not support a goal. The coarsest level comes first in the computation. Each level's parts
+    are the initial pieces for the next level.
     """
     # 1. Growth serves only bisectors that do not depend on the target.
     if any(run.for_target(goal.target) is not run for goal in goals):
@@ -96,7 +100,10 @@ def grow_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -
 
 
 def _request_growth(graph: Graph, pieces: Int, run: Run) -> Growth | None:
-    """Request growth from the connected ``pieces (n,)`` with the run's components."""
+    """Request from the bisector a growth object that starts from the connected ``pieces (n,)``.
+
+    The result is None if the bisector has no method ``grow`` or declines the run's refiners and fixer.
+    """
     if not run.bisector.offers("grow"):
         return None
     tool, refiners = run.bisector.tool, [member.tool for member in run.refiners]
@@ -124,7 +131,7 @@ def _serves(growth: Growth, goal: Goal) -> bool:
 def _split(
     graph: Graph, labels: Int, goal: Goal, growth: Growth, run: Run, stage: int, *, tested: bool
 ) -> Int:
-    """Split the pieces on a level, and return the part labels ``(n,)``.
+    """Split the initial pieces of a level into its parts, and return the part labels ``(n,)``.
 
     If ``tested`` is False, connectivity and widths are not checked here, because the polish checks them.
     """

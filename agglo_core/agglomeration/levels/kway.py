@@ -1,4 +1,4 @@
-"""Direct k-way partitions: one call per connected component gives exact, connected levels."""
+"""Build connected levels by a direct k-way partition of each connected component."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from agglo_core.protocols import Target
 
 
 def kway_levels(graph: Graph, goals: Sequence[Goal], nested: bool, run: Run, post: PostPass) -> list[Int]:
-    """Return the coarse-level labels, finest first.
+    """Compute the levels by direct k-way partitions, and return their labels, finest first.
 
     Nested hierarchies are built bottom-up: each level partitions the previous level's dual graph. Otherwise
     every level partitions the fine graph. If the partitioner declares ``final_parts``, its partitions are
@@ -68,7 +68,7 @@ def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> In
 
 
 def _partition_components(pieces: Graph, quotas: Int, goal: Goal, run: Run, seeds: UInt64, tell: Tell) -> Int:
-    """Return labels local to each component, without gaps."""
+    """Partition each component into its quota of parts, numbered from 0 in each component."""
     local = np.zeros(pieces.n, np.int64)
     own_count = run.final_parts and isinstance(goal, SizeGoal)  # else a component with quota 1 is a part
     for b in np.flatnonzero((pieces.sizes if own_count else quotas) > 1):
@@ -80,7 +80,7 @@ def _partition_components(pieces: Graph, quotas: Int, goal: Goal, run: Run, seed
 
 
 def _finish(graph: Graph, labels: Int, quotas: Int, counts: Int, goal: Goal, run: Run, stage: int) -> Int:
-    """Bisect parts that are too large, or as many parts as the exact count lacks."""
+    """Bisect parts that are too large, or further parts until the exact count is reached."""
     if not isinstance(goal, SizeGoal):
         goal = replace(goal, quotas=_apportion_quotas(graph, labels, quotas, counts))
     tree, leaves = grow(graph, labels, goal, run, stage)
@@ -89,7 +89,7 @@ def _finish(graph: Graph, labels: Int, quotas: Int, counts: Int, goal: Goal, run
 
 
 def _apportion_quotas(graph: Graph, labels: Int, quotas: Int, counts: Int) -> Int:
-    """Return the number of pieces to split each part into.
+    """Return the number of pieces into which each part must be split to reach the exact count.
 
     Component c has ``counts[c]`` parts and must reach its quota.
     """

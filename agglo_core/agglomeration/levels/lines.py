@@ -31,7 +31,7 @@ A larger value forms fewer and shorter lines, only where cells are thinner.
 def line_levels(
     graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass, *, kway: bool, nested: bool
 ) -> list[Int]:
-    """Return the level labels ``(n,)``, finest first, in the format of ``compute_levels``."""
+    """Compute levels whose parts follow lines of strongly coupled cells: labels ``(n,)``, finest first."""
     lines, inside = lines_of_cells(graph)
     count = int(lines.max()) + 1
     # 1. Sort the goals: counts up to the number of lines need whole lines, larger counts split lines. Size
@@ -62,7 +62,7 @@ def line_levels(
 
 
 def _replace_single_lines(labels: Int, cut: Int, lines: Int) -> Int:
-    """Replace each part that is a single line by this line's pieces in ``cut``."""
+    """Divide each part that is a single line of cells into this line's pieces from the partition ``cut``."""
     of_pairs = np.unique(np.stack((labels, lines)), axis=1)[0]
     single = np.bincount(of_pairs, minlength=int(labels.max()) + 1) == 1
     pieces = labels * (int(cut.max()) + 2) + np.where(single[labels], cut + 1, 0)
@@ -70,7 +70,7 @@ def _replace_single_lines(labels: Int, cut: Int, lines: Int) -> Int:
 
 
 def lines_of_cells(graph: Graph) -> tuple[Int, Mask]:
-    """Return each cell's line ``(n,)`` and a mask of the graph entries inside lines.
+    """Find lines of strongly coupled cells: each cell's line ``(n,)``, and a mask of the edges in lines.
 
     Lines are numbered by first cell. The coupling between two cells is their interface divided by their
     centroid distance. A pair is in a line if each cell is among the other's two strongest neighbours, and

@@ -1,4 +1,4 @@
-"""Merge adjacent parts, roundest unions first, in rounds over changed parts only."""
+"""Merge adjacent parts, roundest unions first, in rounds that visit only changed parts."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -45,7 +45,7 @@ def _renew_neighbours(c, lists, root, epochs, step, places, marks, stamp):
 
 @helper(allocates=True)
 def _boxes(vertex_offsets, vertices, points):
-    """Return the lowest and highest vertex coordinates of each part."""
+    """Return the bounding box of each part: lowest and highest vertex coordinates."""
     n, d = len(vertex_offsets) - 1, points.shape[1]
     low, high = np.full((n, d), np.inf), np.full((n, d), -np.inf)
     for c in range(n):
@@ -83,7 +83,7 @@ def _union_fits(a, b, following, shapes, space, stamp, limit):
 
 @helper
 def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
-    """Find the neighbour with which part c forms the roundest admissible union, or −1.
+    """Find the neighbour with which part c forms the roundest admissible union, or −1 if there is none.
 
     Both parts lie in one block. Ties go to the larger part numbers: compare the smaller number first, then
     the larger number. This order is total and symmetric in both parts.
@@ -110,7 +110,7 @@ def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
 
 @helper(allocates=True)
 def _compact_lists(lists, root):
-    """Move the remaining parts' lists to the front and return their end."""
+    """Move the neighbour lists of the remaining parts to the front of the arrays, and return their end."""
     near, shared, fits, start, length = lists
     old = near.copy(), shared.copy(), fits.copy()
     end = 0
@@ -126,7 +126,7 @@ def _compact_lists(lists, root):
 
 @helper
 def _append(lists, a, b, top):
-    """Append the joint neighbour list of parts a and b at ``top`` and return its end.
+    """Write the joint neighbour list of parts a and b from index ``top`` on, and return its end.
 
     Part a then owns the list. Whether unions fit is unknown, except for unions that did not fit before.
     """
@@ -142,7 +142,7 @@ def _append(lists, a, b, top):
 
 @kernel
 def merge_by_proposals(indptr, indices, interface, boundary, owner, vertex_offsets, vertices, points, limit):
-    """Merge parts by mutual proposals and return the least member number ``(n,)`` per part.
+    """Merge parts that are each other's best neighbour, and return each union's smallest part index ``(n,)``.
 
     Parts of different ``owner (n,)`` do not merge. In each round every part proposes to the neighbour that
     gives the roundest union (by the outline share that becomes interior) with diameter at most ``limit``.

@@ -24,7 +24,10 @@ from agglo_core.progress import phase
 def compute_levels(
     graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass, *, kway: bool, nested: bool
 ) -> list[Int]:
-    """Return the level labels ``(n,)``, finest first, numbered by first cell."""
+    """Order the cells along a space-filling curve, compute the levels, and return their labels ``(n,)``.
+
+    The finest level comes first. Labels are numbered by first cell.
+    """
     with run.statistics.timed("order"), phase(run.progress, "ordering the cells"):
         # 1. Renumber the graph along the curve.
         order = curve_order(graph.centroids)
@@ -42,7 +45,7 @@ def compute_levels(
 
 
 def _by_first_cell(labels: Int, order: Int) -> Int:
-    """Map labels back to the cells ``order`` and number them by first cell."""
+    """Map labels of the reordered cells to the original cells, and number them by first cell."""
     from agglo_core.compiled.graphs import number_as_met
 
     given = np.empty(len(order), np.int32)
@@ -51,7 +54,7 @@ def _by_first_cell(labels: Int, order: Int) -> Int:
 
 
 def _with_points_as_met(graph: Graph) -> Graph:
-    """Renumber the graph's points in cell order."""
+    """Renumber the graph's points in the order in which the cells list them."""
     from agglo_core.compiled.graphs import number_as_met
 
     vertices, points = number_as_met(graph.vertices, len(graph.points))

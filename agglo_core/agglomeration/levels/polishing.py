@@ -1,4 +1,4 @@
-"""Post-passes on a finished level: merge small parts, and polish all interfaces at once.
+"""Post-processing of a finished level: merge small parts, and polish all interfaces at once.
 
 Both passes stay inside given blocks. These are the next coarser level's parts in a recursion, and the
 connected components in a k-way hierarchy. No pass makes a part miss its size target.
@@ -25,13 +25,13 @@ from agglo_core.protocols import Target
 
 @runtime_checkable
 class PartRefiner(Protocol):
-    """Optional: a refiner for finished levels that needs no block graph.
+    """Optional: a refiner of finished levels that works on the whole graph, without a subgraph per block.
 
     Building the block graph takes time.
     """
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
-        """Refine as ``refine`` does, with ``block[p]`` as the graph block for each part p.
+        """Refine all parts on the whole graph, where part p lies in block ``block[p]``.
 
         ``labels (n,)`` number the parts through all blocks. No cell may leave its block.
         """
@@ -39,7 +39,7 @@ class PartRefiner(Protocol):
 
 @dataclass(frozen=True)
 class PostPass:
-    """Post-passes, with the rules for whole parts."""
+    """Post-processing of a finished level: merging, polishing, and enforcing rules for whole parts."""
 
     merge: bool
     polish: bool
@@ -47,13 +47,13 @@ class PostPass:
 
     @property
     def active(self) -> bool:
-        """True if any pass is enabled."""
+        """True if merging, polishing or rules are enabled."""
         return self.merge or self.polish or self.rules is not None
 
     def apply(
         self, graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int, *, tested: bool = True
     ) -> Int:
-        """Return the labels ``(n,)`` after the post-passes, each inside ``blocks (n,)``.
+        """Post-process the parts within their ``blocks (n,)``, and return the new labels ``(n,)``.
 
         If ``tested`` is False, the parts may be disconnected or too wide. The polish then checks all parts.
         """
@@ -69,7 +69,7 @@ class PostPass:
 
 
 def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, tell: Tell) -> Int:
-    """Merge adjacent parts with a union diameter of at most ``limit``, roundest unions first.
+    """Merge adjacent parts whose union has a diameter of at most ``limit``, roundest unions first.
 
     A union counts as rounder if a larger share of its parts' boundary becomes interior. In each round every
     part proposes its best neighbour, and mutual proposals merge.
@@ -90,7 +90,7 @@ def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, tell: Tell
 
 
 def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int, *, tested: bool) -> Int:
-    """Run the post-refiners once in each block, and undo moves that spoil a part."""
+    """Polish the parts of each block, and undo moves that leave a part empty, disconnected or too wide."""
     # 1. Block of each part.
     owner = np.zeros(int(labels.max()) + 1, np.int64)
     if blocks.any():  # otherwise one block, the usual case: a connected mesh
@@ -111,7 +111,7 @@ def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage:
 
 
 def _refine_by_block(graph: Graph, labels: Int, owner: Int, target: Target, run: Run, stage: int) -> Int:
-    """Apply the post-refiners to the block graph, and return the labels."""
+    """Apply the post-refiners to the block-diagonal graph of all blocks, and return the new labels."""
     # 1. Graph of the blocks, and the number of each part within its block.
     pieces, cells = graph.split(owner[labels])
     by_block = np.argsort(owner, kind="stable")
@@ -168,7 +168,7 @@ def _without_bad_moves(
 
 
 def _find_changes(before: Int, after: Int, count: int) -> tuple[Int, Mask]:
-    """Return the moved cells and a mask ``(count,)`` of changed parts."""
+    """Return the cells that changed their part, and a mask ``(count,)`` of the parts that changed."""
     moved = np.flatnonzero(after != before)
     changed = np.zeros(count, bool)
     changed[before[moved]] = changed[after[moved]] = True

@@ -26,7 +26,7 @@ from agglo_core.split.side_shares import side_shares
 
 @dataclass
 class _TreeBuilder:
-    """Tree builder: nodes ordered by depth, finished cells in tree order."""
+    """Tree of the recursive bisection under construction: nodes by depth, finished cells in tree order."""
 
     n: int
     goal: Goal
@@ -41,7 +41,7 @@ class _TreeBuilder:
         self.cells = np.full(self.n, -1, np.int64)
 
     def add(self, parent: Int, start: Int, sizes: Int, state: Float) -> Int:
-        """Append nodes and return their numbers."""
+        """Append tree nodes, and return their indices."""
         by_size = isinstance(self.goal, SizeGoal)
         self.parent.append(parent)
         self.start.append(start)
@@ -61,7 +61,7 @@ class _TreeBuilder:
         self.placed += len(take)
 
     def reached(self, expected: float) -> tuple[float, str]:
-        """Return the completed share of the splits and a text.
+        """Return the estimated fraction of the work done, and a text for the progress display.
 
         Each root is expected to become ``expected`` leaves. All depths cost about equally much until pieces
         are finished, and the depth is the logarithm of the leaf count.
@@ -73,7 +73,7 @@ class _TreeBuilder:
         return share, f"depth {len(self.start) - 1}, {leaves:,} pieces"
 
     def tree(self) -> Tree:
-        """Return the tree after every cell has its place."""
+        """Return the finished tree, in which every cell has its place."""
         if (self.cells < 0).any():
             raise AssertionError("cells were lost in the recursion")
         join = np.concatenate
@@ -154,7 +154,7 @@ def _bisect_by_depth(
 
 
 def _rows(offsets: Int, rows: Int) -> tuple[Int, Int]:
-    """Return the entry positions in the CSR ``rows``, concatenated, and the row lengths."""
+    """Return the indices of the entries in the CSR ``rows``, concatenated, and the row lengths."""
     sizes = np.diff(offsets)[rows]
     if len(rows) == len(offsets) - 1:
         return np.arange(offsets[-1]), sizes
@@ -163,7 +163,7 @@ def _rows(offsets: Int, rows: Int) -> tuple[Int, Int]:
 
 
 def _take_pieces(order: Int, offsets: Int, pieces: Int) -> tuple[Int, Int]:
-    """Return the cells of these ``pieces`` and the piece offsets."""
+    """Return the cells of these ``pieces``, one piece after the other, and the offsets of the pieces."""
     if len(pieces) == len(offsets) - 1:
         return order, offsets
     rows, sizes = _rows(offsets, pieces)
@@ -178,7 +178,7 @@ def _children(level: Graph, sides: Int) -> tuple[Int, Int]:
 
 
 def recursive_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -> list[Int]:
-    """Return the coarse-level labels, finest first.
+    """Compute the levels by recursive bisection, and return their labels, finest first.
 
     Without post-passes a single tree serves all sizes: each level cuts the tree. Counts are computed coarsest
     first, and each level's parts are the initial pieces for the next level. Sizes are also computed in this
@@ -218,14 +218,14 @@ def _levels_of_one_tree(graph: Graph, goals: Sequence[Goal], run: Run) -> list[I
 
 
 def note_oversized(tree: Tree, leaves: Int, goal: Goal, run: Run) -> None:
-    """Record how many single cells exceed a size, and keep the maximum over the levels."""
+    """Record how many single cells exceed the target size, and keep the maximum over the levels."""
     if isinstance(goal, SizeGoal):
         count = int((tree.diameter[leaves] > goal.limit).sum())
         run.statistics.oversized_cells = max(count, run.statistics.oversized_cells)
 
 
 def warn_of_large_cells(goals: Sequence[Goal], run: Run) -> None:
-    """Log once per run how many single cells exceed the smallest size."""
+    """Log a warning with the number of single cells that exceed the smallest target size."""
     count, finest = run.statistics.oversized_cells, goals[0]
     if count and isinstance(finest, SizeGoal):
         cells = "1 cell is" if count == 1 else f"{count} cells are"

@@ -41,7 +41,7 @@ def remove_forbidden_edges(graph: Graph, constraints: Sequence[Member], there: G
 def raise_counts(
     graph: Graph, allowed: Graph, constraints: Sequence[Member], goals: Sequence[Goal]
 ) -> tuple[Goal, ...]:
-    """Return the goals, with mean-size counts raised as far as the bounds require.
+    """Return the goals, with part counts from mean sizes raised as far as the bounds on parts require.
 
     Measures are taken from ``graph``, connections from ``allowed``.
 
@@ -69,7 +69,7 @@ def _at_least(goal: Goal, fewest: int, title: str) -> Goal:
 
 @contextmanager
 def naming_constraints(constraints: Sequence[Member]) -> Iterator[None]:
-    """Context that adds the constraints to the error about too few parts for the components."""
+    """Context manager that names the constraints in the error about too few parts."""
     try:
         yield
     except TooFewPartsError as error:
@@ -83,7 +83,7 @@ def naming_constraints(constraints: Sequence[Member]) -> Iterator[None]:
 
 
 def forbidden_by(member: Member, graph: Graph) -> Mask:
-    """Return a mask ``(m,)`` of the forbidden CSR entries, both directions per edge."""
+    """Return a mask ``(m,)`` of the edges that a constraint forbids, with both directions of each edge."""
     # 1. Check shape and dtype of the result.
     with attributed(member.title):
         mask = plain_array(member.tool.forbidden(graph), "the result of forbidden", PluginError)

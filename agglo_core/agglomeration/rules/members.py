@@ -1,4 +1,4 @@
-"""Turn rule keywords into constraints, and compute the masses that distribute counts."""
+"""Convert rule keywords to constraints, and compute the cell masses by which part counts are divided."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Rules(Keywords):
             )
 
     def members(self, mesh: Mesh | Graph, graph: Graph, registry: Registry) -> list[Member]:
-        """Return the constraints on this mesh, starting with the keyword constraints."""
+        """Return all constraints on this mesh: first those from keywords, then those given as components."""
         result = [Member(tool, f"constraint {name!r}") for name, tool in self._by_keyword(mesh, graph)]
         for choice in self.constraints:
             result.append(_on_mesh(build_component("constraint", choice, registry)[0], mesh))
@@ -71,7 +71,7 @@ class Rules(Keywords):
         counts: bool,
         total: Callable[[Float], float] = lambda values: float(values.sum()),
     ) -> Graph:
-        """Return the graph with the loads that distribute counts.
+        """Return the graph with the cell loads by which part counts are divided.
 
         Size goals do not use loads. The callable ``total`` sums values over all cells, including cells on
         other processes.
@@ -106,7 +106,7 @@ class Rules(Keywords):
         return graph.with_loads(Loads(kind, mass, weights=loads if kind == "weights" else None))
 
     def mass(self, graph: Graph) -> Float:
-        """Return the mass ``(n,)`` by which counts are distributed."""
+        """Return the mass of each cell ``(n,)`` by which part counts are divided."""
         weights = self.cell_weights(graph)
         if self.balance == "weights" or (self.balance is None and weights is not None):
             return graph.weights if weights is None else weights
@@ -141,7 +141,7 @@ class Rules(Keywords):
 
 
 def imbalance(mass: Float | None, labels: Int) -> float:
-    """Return the largest part mass or cell count over the mean, or 1 for zero total mass."""
+    """Return the largest part mass (cell count) over the mean, or 1 if the total mass is zero."""
     of_parts = np.bincount(labels, mass)
     mean = float(of_parts.mean())
     return float(of_parts.max()) / mean if mean > 0 else 1.0
@@ -170,7 +170,7 @@ def _faces(mesh: Mesh | Graph, word: str) -> Mesh:
 
 
 def _on_mesh(member: Member, mesh: Mesh | Graph) -> Member:
-    """Adapt a constraint to the mesh if it has ``for_mesh``."""
+    """Adapt a constraint to the mesh if it has the method ``for_mesh``."""
     if not callable(getattr(member.tool, "for_mesh", None)):
         return member
     if not isinstance(mesh, Mesh):

@@ -31,7 +31,7 @@ def merge_pairs(
     most: int | None = None,
     by_interface: bool = False,
 ) -> Int:
-    """Return the labels ``(n,)``, without gaps, after merging wanted parts with neighbours in their block.
+    """Merge marked parts with neighbours in their block, and return the labels ``(n,)`` without gaps.
 
     The lightest pairs merge first. Each part joins its lightest neighbour, or the neighbour with the longest
     interface. In each round a part merges at most once. Refused unions are undone and not tried again.
@@ -83,7 +83,7 @@ def _proposals(parts: Graph, block: Int, part_mask: Mask, refused_pairs: Pairs, 
 
 
 def _apart(pairs: Int, n: int) -> Int:
-    """Return the pairs that come before all other pairs with a common part."""
+    """Select disjoint pairs: those that precede all other pairs with a common part."""
     rank = np.arange(len(pairs))
     first = np.full(n, len(pairs))
     np.minimum.at(first, pairs.ravel(), np.repeat(rank, 2))
@@ -93,7 +93,7 @@ def _apart(pairs: Int, n: int) -> Int:
 def _join_pairs(
     labels: Int, count: int, pairs: Int, refused: Refused, refused_pairs: Pairs
 ) -> tuple[Int, int, Pairs]:
-    """Join the pairs that the rules admit.
+    """Join the pairs of parts whose union the rules admit.
 
     Returns the labels, the joined-pair count, and the refused unions. A refused union stays refused when it
     grows.
@@ -111,7 +111,7 @@ def _join_pairs(
 
 
 def _numbers(pairs: Int, count: int) -> Int:
-    """Return the new part numbers ``(count,)``, without gaps, after joining the pairs."""
+    """Return the new index of each part ``(count,)``, without gaps, after joining the pairs."""
     into = np.arange(count)
     into[pairs[:, 0]] = pairs[:, 1]
     return np.unique(into, return_inverse=True)[1]
@@ -129,7 +129,7 @@ _STAGE = 1 << 20
 
 @dataclass(frozen=True)
 class PartRules:
-    """Rules for whole parts.
+    """Constraints on whole parts, with the map from cells to nodes of the labelled graph.
 
     Attributes
     ----------
@@ -146,15 +146,15 @@ class PartRules:
     through: Int
 
     def via(self, nodes: Int) -> PartRules:
-        """Return the rules for labels on another graph, where node i is ``nodes[i]``."""
+        """Return the rules for labels on a new graph, where ``nodes[i]`` is the node that contains node i."""
         return replace(self, through=frozen_int(nodes[self.through]))
 
     def inadmissible(self, labels: Int) -> Mask:
-        """Return a mask ``(k,)`` of parts to split."""
+        """Return a mask ``(k,)`` of the parts that violate a rule and must be split."""
         return ~self._asked("admissible", labels, np.logical_and, fill=True)
 
     def incomplete(self, labels: Int) -> Mask:
-        """Return a mask ``(k,)`` of parts that should join a neighbour."""
+        """Return a mask ``(k,)`` of the parts that violate a rule and should join a neighbour."""
         return self._asked("incomplete", labels, np.logical_or, fill=False)
 
     def kept(self, graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int) -> Int:
@@ -181,7 +181,7 @@ class PartRules:
         return labels
 
     def _refuse_inadmissible(self, labels: Int) -> None:
-        """Raise OptionError for parts that could not be split.
+        """Raise OptionError if a part violates the rules but could not be split.
 
         Causes are lines, finer-level parts, and inconsistent rules.
         """
@@ -204,7 +204,7 @@ class PartRules:
 
 
 def part_rules(graph: Graph, constraints: Sequence[Member]) -> PartRules | None:
-    """Return the constraints' rules for whole parts, or None if there are none."""
+    """Collect the constraints on whole parts, or return None if there are none."""
     asking = [
         member
         for member in constraints
@@ -215,7 +215,7 @@ def part_rules(graph: Graph, constraints: Sequence[Member]) -> PartRules | None:
 
 @dataclass(frozen=True)
 class _Level:
-    """A level under rules."""
+    """One level on which the rules for whole parts are enforced."""
 
     rules: PartRules
     graph: Graph
@@ -225,7 +225,7 @@ class _Level:
     stage: int
 
     def evened(self, labels: Int) -> Int:
-        """Let rules with ``evened`` move cells between parts, at unchanged part count."""
+        """Move cells between parts by the rules that have a method ``evened``, at unchanged part count."""
         if not (self.rules.inadmissible(labels) | self.rules.incomplete(labels)).any():
             return labels
         block = np.empty(int(labels.max()) + 1, np.int64)
@@ -262,7 +262,7 @@ class _Level:
         return merge_pairs(self.graph, self.blocks, labels, split, self._refused, by_interface=True)
 
     def join_small(self, labels: Int) -> Int:
-        """Join small parts with the longest-interface neighbour that the rules admit."""
+        """Join each small part with the neighbour of longest interface whose union the rules admit."""
         if not self.rules.incomplete(labels).any():
             return labels
 
@@ -307,7 +307,7 @@ class _Level:
         return merge_pairs(self.graph, self.blocks, labels, everybody, self._refused, most=surplus)
 
     def _more(self, labels: Int, missing: int, turn: int) -> Int:
-        """Halve the ``missing`` heaviest parts."""
+        """Bisect the heaviest parts, as many as are ``missing``."""
         mass = np.bincount(labels, self.graph.mass) * (np.bincount(labels) > 1)
         heaviest = np.argsort(-mass, kind="stable")[:missing]
         chosen = np.zeros(len(mass), bool)
