@@ -20,11 +20,11 @@ class CoordinateBisection:
     """
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Return the sides ``(n,)``, independent of ``seeds``."""
+        """Return the side of each cell ``(n,)``, independent of ``seeds``."""
         return self.bisect_shares(level, seeds, None)
 
     def bisect_shares(self, level: Graph, seeds: UInt64, shares: Float | None) -> Int:
-        """Return the sides ``(n,)``, where side 0 holds the mass ``shares (B,)``."""
+        """Return the side of each cell ``(n,)``, where side 0 has the mass fraction ``shares (B,)``."""
         extents = block_extents(level, level.centroids)
         longest = np.argmax(extents >= (1 - TIE) * extents.max(axis=1, keepdims=True), axis=1)
         axes = (longest[:, None] + np.arange(level.dim)) % level.dim
@@ -32,7 +32,7 @@ class CoordinateBisection:
         return split_at_median(level, coordinates[:, 0], coordinates[:, 1:], shares)
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """Make the splits of ``bisect_shares`` in one call, without refiners and with the built-in fixer."""
+        """Make all splits in one call, or return None if there are refiners or the fixer is not built in."""
         from agglo_core.split.piece_medians import split_across_boxes
 
         if refiners:  # cells with equal gain would move in another order than in the recursion by depth
@@ -56,14 +56,14 @@ class InertialBisection:
     """
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Return the sides ``(n,)``, independent of ``seeds``."""
+        """Return the side of each cell ``(n,)``, independent of ``seeds``."""
         from agglo_core.split.ordered_frames import frames_of_blocks
 
         coordinates = frames_of_blocks(level.offsets, level.centroids, level.weights)[1]
         return split_at_median(level, coordinates[:, 0], coordinates[:, 1:])
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """Make all splits in one call, if refiner and fixer are the built-in components.
+        """Make all splits in one call, or return None if the refiner or the fixer is not built in.
 
         As in the recursion by depth, every split is tested and repaired, including splits of small pieces.
         """

@@ -1,4 +1,4 @@
-"""Principal frames of point clouds, bitwise equal for blocks and pieces.
+"""Principal axes of point sets, bitwise equal for graph blocks and for pieces in a cell list.
 
 Sums are taken in a fixed order. For a symmetric cloud, rounding decides the order and direction of equal
 axes. Callers that need equal parts from a graph block and from a list slice must therefore call these
@@ -25,7 +25,7 @@ _EPS = 2.0**-53  # unit roundoff, as in LAPACK
 
 
 class FramedPoints(NamedTuple):
-    """Positions ``(3, m)``, shares ``(m,)``, and coordinates ``(3, m)`` in the ``frame (3, 3)``.
+    """Points ``(3, m)``, weight shares ``(m,)``, and coordinates ``(3, m)`` in the ``frame (3, 3)``.
 
     The ``moments (3, 3)`` are workspace, ``values (3,)`` the second moments along the axes.
     """
@@ -40,7 +40,7 @@ class FramedPoints(NamedTuple):
 
 @helper(allocates=True)
 def new_framed_points(m):
-    """Allocate framed points for up to m points."""
+    """Allocate ``FramedPoints`` for up to m points."""
     return FramedPoints(
         np.zeros((3, m)), np.empty(m), np.zeros((3, m)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     )
@@ -48,7 +48,7 @@ def new_framed_points(m):
 
 @helper
 def centre_in_order(n, d, local, shares):
-    """Normalise the weights in ``shares``, and centre the positions ``local`` at the centre of mass.
+    """Normalise the weights in ``shares``, and centre the points ``local`` at their centre of mass.
 
     Without weight all points count equally.
     """
@@ -157,7 +157,7 @@ def _axes(n, d, local, shares, moments, frame, values):
 
 @helper
 def _turn_plane(n, d, shares, frame, i, j, local):
-    """Rotate rows i and j of the frame to the least fourth moments, and return the angle."""
+    """Rotate axes i and j in their plane to the least fourth moments, and return the angle."""
     # ⟨(x + iy)⁴⟩ = real_mean + i imaginary_mean. A rotation by θ multiplies it by e^(−4iθ), and
     # ⟨x⁴ + y⁴⟩ = ¾ ⟨r⁴⟩ + ¼ Re of it is least where it is negative and real.
     real_mean, imaginary_mean = 0.0, 0.0
@@ -189,7 +189,7 @@ def _moments_along(n, local, shares, a, b, c, coords):
 
 @helper
 def _order_axes(n, d, local, shares, frame, coords, values):
-    """Sort the axes by second moment, largest first, and point each to its heavier tail."""
+    """Sort the axes by second moment, largest first, and orient each so that its third moment is positive."""
     # 1. Coordinates and second moments along each axis. The axis points to where the third moment is
     #    positive.
     for axis in range(d):
@@ -240,7 +240,7 @@ def frame_in_order(n, d, points):
 
 @kernel
 def frames_of_blocks(offsets, centroids, weights):
-    """Return the principal frames ``(B, d, d)`` of weighted block centroids, and coordinates ``(n, d)``."""
+    """Return each block's principal axes ``(B, d, d)``, and its points' coordinates ``(n, d)`` along them."""
     n_blocks, d, largest = len(offsets) - 1, centroids.shape[1], np.int64(0)
     for b in range(n_blocks):
         largest = max(largest, offsets[b + 1] - offsets[b])

@@ -1,4 +1,4 @@
-"""Recursive bisection in place: cut, refine, test and partition pieces, for all bisectors.
+"""Recursive bisection within one cell list: cut, refine, test and separate pieces, for all bisectors.
 
 A bisector supplies two helpers, to load and to cut a piece. Everything else happens here.
 """
@@ -44,7 +44,7 @@ _ROUNDING = 1e-12  # relative to the extent of the piece: bound on the rounding 
 
 
 class Lists(NamedTuple):
-    """Lists of pieces and counters, which change during splitting.
+    """Lists of pieces to split, postponed and finished, and counters.
 
     Rows in ``todo`` and ``ready`` are pieces to split and postponed pieces. ``leaf (n,)`` marks the start of
     finished pieces. ``counts (3,)`` are the numbers of rows in use and the next stamp. ``tally (depths, 3)``
@@ -59,7 +59,7 @@ class Lists(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Limits for finished and postponed pieces, and the mass shares of cuts.
+    """Thresholds for finished and postponed pieces, and the mass shares of cuts.
 
     ``diameter`` is h* or 0. ``floor`` is the refinement's floor, negative for no refinement. Pieces with at
     most ``later`` cells are postponed. Connectivity is tested in pieces with more than ``tiny`` cells.
@@ -86,9 +86,9 @@ def largest_piece(lists):
 
 @helper
 def tag_halves(graph, pieces, lo, hi, candidates, sides):
-    """Tag both halves of a piece's cell list if no plane cuts it.
+    """Assign the first half of a piece's cell list to the left side, and the rest to the right.
 
-    All cells are candidates.
+    This serves if no plane cuts the piece. All cells are candidates.
     """
     cells, tag, measures = pieces.cells, pieces.tag, sides.measures
     left_tag, right_tag = side_tags(lo, hi)
@@ -104,11 +104,11 @@ def tag_halves(graph, pieces, lo, hi, candidates, sides):
 
 @helper
 def tag_sides(graph, pieces, lo, hi, heights, bar, unit, extent, candidates, sides):
-    """Tag the cells of a piece: right where ``heights`` exceed ``bar``, else left, both sides non-empty.
+    """Assign each cell of a piece to a side: right where ``heights`` exceed ``bar``, otherwise left.
 
-    Writes measures and cell counts of both ``sides``, and as ``candidates`` the cells that may be adjacent to
-    the cut: cells no farther from the cut than from their farthest neighbour, if ``unit`` times heights are
-    lengths. Returns the number of candidates.
+    Neither side is empty. Writes measures and cell counts of both ``sides``, and as ``candidates`` the cells
+    that may be adjacent to the cut: cells no farther from the cut than from their farthest neighbour, if
+    ``unit`` times heights are lengths. Returns the number of candidates.
     """
     # 1. Tag each cell, sum both sides, and list the candidates without branches.
     cells, tag, reach, length = pieces.cells, pieces.tag, graph.reach, graph.units.length
@@ -134,7 +134,7 @@ def tag_sides(graph, pieces, lo, hi, heights, bar, unit, extent, candidates, sid
 
 @helper(allocates=True)
 def _shift_off_share(graph, pieces, lo, hi, extent, share, edge, work, candidates, sides):
-    """Move the cut of a piece unless the lighter side already holds its share."""
+    """Move the cut of a piece if the lighter side does not yet have its mass share."""
     if holds_share(sides, share):
         return edge
     return shift_cut(graph, pieces, lo, hi, share, candidates, sides)
@@ -147,7 +147,7 @@ def _quota_by_measure(quota, sides, graph, pieces, lo, middle, hi):
 
 @helper(allocates=True)
 def _cut_and_refine(cut, shift, work, graph, pieces, lo, hi, extent, share, sides, floor, workspace, stamp):
-    """Tag the sides of the loaded piece, and list the cells along the cut in the workspace boundary.
+    """Bisect the loaded piece, refine the cut, and list the cells along it in the workspace.
 
     Returns the number of listed cells, and the next stamp.
     """
@@ -171,7 +171,7 @@ def _cut_and_refine(cut, shift, work, graph, pieces, lo, hi, extent, share, side
 
 @helper(allocates=True)
 def split_pieces(load, cut, work, graph, shape, pieces, lists, limits, budget):
-    """Split pieces as :func:`split_pieces_by` does, by cuts that aim at halves.
+    """Split pieces as :func:`split_pieces_by` does, by cuts that aim at equal halves.
 
     If the lighter side must hold less, the cut is moved: a straight cut across the line between the
     centroids.

@@ -1,4 +1,4 @@
-"""Centred cells of a piece, and its principal frame."""
+"""Centred cell centroids of a piece, and its principal axes."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -19,7 +19,7 @@ _TIE = 1e-9  # smallest rotation angle in radians, and relative tolerance betwee
 
 
 class Points(NamedTuple):
-    """Centroids ``(3, m)`` of a piece about its centre of mass, weight shares ``(m,)``, and scales.
+    """Centroids ``(3, m)`` of a piece relative to its centre of mass, weight shares ``(m,)``, and scales.
 
     The scales ``(3,)`` are the results of ``centre_points`` (``compiled/frames.py``): one over the measure of
     a typical section, the inertia, and its weight relative to the cut.
@@ -32,15 +32,16 @@ class Points(NamedTuple):
 
 @helper(allocates=True)
 def new_points(m):
-    """Allocate points for pieces with at most m cells."""
+    """Allocate ``Points`` for pieces with at most m cells."""
     return Points(np.zeros((3, m)), np.empty(m), np.empty(3))
 
 
 @helper
 def load_piece(graph, pieces, lo, hi, work):
-    """Load the piece ``cells[lo:hi]`` to ``work.points``, and return its largest extent along an axis.
+    """Copy a piece's centred centroids to ``work.points``, and return their largest extent along an axis.
 
-    This is the ``load`` of ``piece_driver.split_pieces_by``. The extent refers to the centroids.
+    The piece is ``cells[lo:hi]``. This is the ``load`` of ``piece_driver.split_pieces_by``. The extent refers
+    to the centroids.
     """
     cells, centroids, weights = pieces.cells, graph.centroids, graph.weights
     local, shares, scales = work.points
@@ -83,7 +84,7 @@ def _second_moments(n, x, y, z, shares):
 
 @helper(reorder_sums=True)
 def _fourth_moment(n, x, y, z, shares, frame, i, j):
-    """Return the real and imaginary part of ⟨(p + iq)⁴⟩, with p and q along two frame rows."""
+    """Return the real and imaginary part of ⟨(p + iq)⁴⟩, with coordinates p and q along two axes."""
     a, b, c, d, e, f = frame[i, 0], frame[i, 1], frame[i, 2], frame[j, 0], frame[j, 1], frame[j, 2]
     real, imaginary = 0.0, 0.0
     for k in range(n):
@@ -107,7 +108,7 @@ def _moments_along(n, x, y, z, shares, a, b, c):
 
 @helper
 def _turn(rows, i, j, angle):
-    """Rotate two rows by an angle within their plane."""
+    """Rotate two rows of a matrix by an angle within their plane."""
     c, s = np.cos(angle), np.sin(angle)
     for k in range(3):
         p, q = rows[i, k], rows[j, k]
@@ -140,7 +141,10 @@ def diagonalise(a, frame):
 
 @helper
 def _turn_to_least_fourth(n, local, shares, values, frame):
-    """Rotate rows with nearly equal second moments to the least fourth moments, along cube sides."""
+    """Rotate axes with nearly equal second moments so that their fourth moments are least.
+
+    The axes of a cube become parallel to its sides.
+    """
     for _ in range(_TURNS):
         largest = 0.0
         for i in range(2):
@@ -159,7 +163,7 @@ def _turn_to_least_fourth(n, local, shares, values, frame):
 
 @helper(allocates=True)
 def principal_frame(n, planar, local, shares, frame):
-    """Fill ``frame (3, 3)`` with principal axes, longest first, each toward its heavier tail.
+    """Write the principal axes to ``frame (3, 3)``, longest first, each with a non-negative third moment.
 
     Axes with nearly equal second moments are rotated to the least fourth moments.
     """

@@ -1,4 +1,4 @@
-"""Growth in place: one kernel makes all splits, without a graph for each depth."""
+"""Recursive bisection of a level by one compiled function, without a graph for each depth."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _DEPTHS = 256
 
 
 class PieceGrowth:
-    """Graph pieces that a kernel halves, refines and connects in place until they are finished.
+    """Pieces of a graph that a compiled function bisects, refines and repairs until they are finished.
 
     Large pieces are split one after the other. Pieces below some thousand cells are split completely,
     independently of other pieces.
@@ -102,7 +102,7 @@ class PieceGrowth:
         self.restart(pieces)
 
     def restart(self, pieces: Int) -> None:
-        """Set the connected pieces ``(n,)`` for the next call."""
+        """Set the connected pieces ``(n,)`` from which the next call starts."""
         from agglo_core.compiled.graphs import list_blocks
 
         cells, tag, count = self._pieces.cells, self._pieces.tag, int(pieces.max(initial=0)) + 1
@@ -125,7 +125,7 @@ class PieceGrowth:
         fixer: Any,
         tiny: int = _TINY,
     ) -> PieceGrowth | None:
-        """Return a growth equivalent to built-in components, or None for any other component."""
+        """Return growth for the built-in refiner and fixer, or None if other components are given."""
         floors = [r.floor for r in refiners if type(r) is InterfaceRefiner]
         if type(fixer) is not ConnectivityFixer or len(floors) < len(refiners) or len(refiners) > 1:
             return None
@@ -140,7 +140,7 @@ class PieceGrowth:
         return self._split(np.zeros(len(seeds), np.int64), limit, tell)
 
     def _split(self, quotas: Int, limit: float, tell: Tell) -> tuple[Int, Int]:
-        """Split all pieces until they meet their quota, or the limit if it is positive.
+        """Split each piece into its quota of parts, or into parts no wider than a positive ``limit``.
 
         Returns as :meth:`split`. Rows in ``todo`` are pieces, with the columns of ``piece_driver``.
         """
@@ -172,7 +172,7 @@ class PieceGrowth:
     def _shared_out(
         self, todo: Int, leaf: Bytes, tally: Int, limit: float, handled: Callable[[], None]
     ) -> Int:
-        """Split the pieces completely, in all threads, and return the outermost tiny pieces."""
+        """Split the pieces completely in all threads, and return the tiny pieces cut from larger pieces."""
         small = max(_SMALL, len(leaf) // (4 * thread_count()))
         postponed, stamp = self._halved_together(todo, leaf, tally, limit, small, handled)
         self._stamp, tiny = stamp, [postponed[postponed[:, 1] - postponed[:, 0] <= self._tiny]]
@@ -190,7 +190,7 @@ class PieceGrowth:
         return np.concatenate(tiny)
 
     def _mend_tiny(self, tiny: Int, leaf: Bytes, tally: Int, limit: float) -> None:
-        """Undo the few pieces with disconnected parts, and split them with connectivity tests.
+        """Split tiny pieces with disconnected parts again, this time with connectivity tests.
 
         Their counts are undone by a repeated split that counts down.
         """
@@ -249,7 +249,7 @@ class PieceGrowth:
     def _halved_together(
         self, todo: Int, leaf: Bytes, tally: Int, limit: float, small: int, handled: Callable[[], None]
     ) -> tuple[Int, int]:
-        """Halve the largest pieces first, in parallel, down to ``small`` cells.
+        """Bisect pieces in parallel, largest first, until all have at most ``small`` cells.
 
         Returns the pieces and the next stamp.
         """
@@ -274,7 +274,7 @@ class PieceGrowth:
         return todo, stamp
 
     def _mended(self, torn: Int) -> Int:
-        """Connect both sides of torn pieces as the built-in fixer does."""
+        """Repair pieces with a disconnected side as the built-in fixer does."""
         from agglo_core.refine.repair import mend_sides
         from agglo_core.split.piece_driver import MENDED, QUOTA, STATE
 
@@ -289,7 +289,7 @@ class PieceGrowth:
         return frozen_index(self._pieces.tag >> 1)
 
     def _numbered(self, leaf: Bytes) -> Int:
-        """Label the finished pieces by first cell, and make them the new pieces."""
+        """Number the finished pieces by first cell, and keep them as the pieces for the next call."""
         from agglo_core.compiled.graphs import number_as_met
 
         labels, places = number_as_met(self._places(), len(leaf))
@@ -298,7 +298,7 @@ class PieceGrowth:
 
 
 def _slices_at(leaf: Bytes, places: Int) -> Int:
-    """Return the pieces that start or end at ``places``: first cell, last cell plus 1.
+    """Return the start and stop in the cell list of each piece that starts or ends at ``places``.
 
     ``leaf`` marks the starts.
     """
@@ -310,7 +310,10 @@ def _slices_at(leaf: Bytes, places: Int) -> Int:
 
 
 def _shape(graph: Graph, limit: float) -> CellVertices:
-    """Return the cell vertices, or none without a limit, because a subgraph loads them on first use."""
+    """Return the vertices of the cells, or empty arrays without a size limit.
+
+    A subgraph would load the vertices on first use.
+    """
     from agglo_core.split.piece_splits import CellVertices
 
     if limit > 0.0:
@@ -323,6 +326,6 @@ def _append_rows(rows: Int) -> Int:
 
 
 def _batches(todo: Int) -> list[Int]:
-    """Divide the rows of pieces into batches of some ten thousand cells."""
+    """Divide a list of pieces into batches of some ten thousand cells."""
     full = np.cumsum(todo[:, 1] - todo[:, 0]) // (4 * _SMALL)
     return np.split(todo, np.flatnonzero(np.diff(full)) + 1)

@@ -19,14 +19,14 @@ _ROUNDING = 1e-12  # relative to the extent: bound on the rounding error of heig
 
 
 class AxisWork(NamedTuple):
-    """Points in their principal frame, and their order along its first axis."""
+    """Workspace for cuts across the principal axis: points in their principal frame, and their order."""
 
     points: Any
     order: Any
 
 
 class BoxWork(NamedTuple):
-    """Positions ``(3, m)``, weights ``(m,)``, extents ``(3,)``, and the order along the longest side."""
+    """Workspace for cuts across a box: points ``(3, m)``, weights ``(m,)``, extents ``(3,)``, and order."""
 
     local: Any
     weight: Any
@@ -36,7 +36,7 @@ class BoxWork(NamedTuple):
 
 @helper
 def _load_positions(graph, pieces, lo, hi, local, weight, extents):
-    """Copy positions, weights and extents of a piece, and return the largest extent."""
+    """Copy centroids and weights of a piece, write its extents, and return the largest extent."""
     cells, centroids, weights = pieces.cells, graph.centroids, graph.weights
     largest, start, n = 0.0, np.uint64(lo), np.uint64(hi - lo)
     for k in range(n):
@@ -63,7 +63,7 @@ def _load_frame(graph, pieces, lo, hi, work):
 
 @helper(allocates=True)
 def _cut_across_axis(graph, pieces, lo, hi, extent, work, candidates, sides):
-    """Halve the weight of the loaded piece across its principal axis."""
+    """Cut the loaded piece across its principal axis into halves of equal weight."""
     points, upper, n, d = work.points, work.order.upper, hi - lo, graph.centroids.shape[1]
     centre_in_order(n, d, points.local, points.shares)
     frame_in_order(n, d, points)
@@ -75,7 +75,7 @@ def _cut_across_axis(graph, pieces, lo, hi, extent, work, candidates, sides):
 
 @kernel
 def split_across_axes(graph, shape, pieces, lists, limits, budget):
-    """Halve pieces across their principal axes: see ``piece_driver.split_pieces_by``."""
+    """Bisect pieces recursively across their principal axes: see ``piece_driver.split_pieces_by``."""
     m = largest_piece(lists)
     work = AxisWork(new_framed_points(m), new_order(m))
     split_pieces(_load_frame, _cut_across_axis, work, graph, shape, pieces, lists, limits, budget)
@@ -91,9 +91,10 @@ def _load_box(graph, pieces, lo, hi, work):
 
 @helper(allocates=True)
 def _cut_box_at(graph, pieces, lo, hi, extent, share, work, candidates, sides):
-    """Cut a piece at a share of ``work.weight``, across the first longest side of its box.
+    """Cut the loaded piece across the longest side of its bounding box, at a share of ``work.weight``.
 
-    The weights are normalised to sum 1. Arguments and result follow ``cut`` in ``split_pieces_by``.
+    Of equally long sides the first counts. The weights are normalised to sum 1. Arguments and result follow
+    ``cut`` in ``split_pieces_by``.
     """
     local, weight, upper = work.local, work.weight, work.order.upper
     n, d, axis, total = hi - lo, graph.centroids.shape[1], 0, 0.0
@@ -118,7 +119,7 @@ def _cut_box(graph, pieces, lo, hi, extent, work, candidates, sides):
 
 @helper(allocates=True)
 def _cut_box_by_mass(graph, pieces, lo, hi, extent, share, edge, work, candidates, sides):
-    """Cut at a mass share instead of half the weight."""
+    """Cut the loaded piece across the longest side of its box at a mass share, not at half the weight."""
     for k in range(hi - lo):
         work.weight[k] = graph.measures[pieces.cells[lo + k]]
     return _cut_box_at(graph, pieces, lo, hi, extent, share, work, candidates, sides)
@@ -126,7 +127,7 @@ def _cut_box_by_mass(graph, pieces, lo, hi, extent, share, edge, work, candidate
 
 @helper
 def _quota_by_slices(quota, sides, graph, pieces, lo, middle, hi):
-    """Return the left side's quota as in ``goals.split_quotas``, from sums in an identical order."""
+    """Return the left side's part count, bitwise as ``goals.split_quotas``, by sums in the same order."""
     if quota == 0:
         return 0
     left_measure = chosen_sum(graph.measures, pieces.cells, lo, middle)
@@ -139,7 +140,7 @@ def _quota_by_slices(quota, sides, graph, pieces, lo, middle, hi):
 
 @kernel
 def split_across_boxes(graph, shape, pieces, lists, limits, budget):
-    """Halve pieces across the longest sides of their boxes: see ``piece_driver.split_pieces_by``."""
+    """Bisect pieces recursively across their longest box sides: see ``piece_driver.split_pieces_by``."""
     m = largest_piece(lists)
     work = BoxWork(np.empty((3, m)), np.empty(m), np.empty(3), new_order(m))
     helpers = _load_box, _cut_box, _cut_box_by_mass, _quota_by_slices

@@ -20,7 +20,7 @@ _TIE = 1e-9  # relative to the cell's interface: smaller gains are rounding
 
 
 class Gains(NamedTuple):
-    """Interfaces of listed cells: ``shared (m, 2)``, with the other side and with their own side.
+    """Interface of each listed cell with the other side and with its own side, ``shared (m, 2)``.
 
     The row of cell i is ``marks[i, 3] − stamp``, negative for an unlisted cell.
     """
@@ -31,7 +31,7 @@ class Gains(NamedTuple):
 
 
 class Edges(NamedTuple):
-    """CSR graph of all cells."""
+    """Dual graph of all cells as a CSR, with the interfaces."""
 
     indptr: Any
     indices: Any
@@ -68,7 +68,7 @@ def _gain(gains, i):
 
 @helper
 def _partner(edges, tag, i, home, gain, least, gains):
-    """Return the neighbour to move together with cell i, or −1 if no pair pays.
+    """Return the neighbour with which cell i gains most in a joint move, or −1 if no pair gains.
 
     Unlisted cells are not adjacent to the other side: they lose at least their interface with cell i.
     """
@@ -117,7 +117,7 @@ def _put(measures, tag, i, other, balance):
 
 @helper
 def _collect_movers(edges, centroids, tag, gains, visits, m, pairs, normal, keys, movers):
-    """Write the cells worth moving to ``movers``, sorted along the normal, and return their number."""
+    """List the cells whose move shortens the interface, sorted along the normal, and return their number."""
     n_movers = 0
     for c in range(m):
         i = np.uint64(visits[c])
@@ -136,7 +136,7 @@ def _collect_movers(edges, centroids, tag, gains, visits, m, pairs, normal, keys
 
 @helper
 def _note_move(edges, tag, left_tag, right_tag, i, listed, visits, filled, gains, sweep):
-    """Update the interface sums of cell i and its neighbours in the piece, and list them.
+    """Update the interface sums of cell i and its neighbours after a move, and list these cells.
 
     Returns the new list lengths. ``listed`` contains all cells with sums, ``visits`` the cells to visit in
     the next sweep.

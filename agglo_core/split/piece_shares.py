@@ -1,4 +1,4 @@
-"""Cut pieces at a mass share, along an axis or along a line between side centroids."""
+"""Cut pieces at a prescribed mass share, across an axis or the line between the sides' centroids."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -24,7 +24,7 @@ _NEAR = 0.051
 
 
 class OrderWorkspace(NamedTuple):
-    """Integer weight shares, mask of the upper points, a point list, keys, and bins."""
+    """Workspace for quantiles: integer weight shares, mask of upper points, point list, keys, and bins."""
 
     shares: Any
     upper: Any
@@ -50,7 +50,7 @@ def _extremes(n, values):
 
 @helper
 def _median(n, score, shares, whole, points, keys, tally):
-    """Return the score of the cell that contains the weighted quantile.
+    """Return the weighted quantile of n scores.
 
     ``whole`` is twice the target sum. Each round counts the weights in bins and continues with the bin that
     contains the quantile, until few scores remain to be sorted.
@@ -90,7 +90,7 @@ def _median(n, score, shares, whole, points, keys, tally):
 
 @helper
 def _near_bar(n, score, bar, window, points):
-    """Write the points within a window about the bar to ``points``, and return their number."""
+    """List the points with scores within a window about the threshold ``bar``, and return their number."""
     m = np.int64(0)
     for k in range(n):
         points[m] = k
@@ -100,7 +100,7 @@ def _near_bar(n, score, bar, window, points):
 
 @helper(allocates=True)
 def _equals(n, score, bar, tie, points):
-    """Return the points that count as equal to the bar, in order of their scores.
+    """Return the points whose scores count as equal to the threshold ``bar``, sorted by score.
 
     These are connected to the bar by steps of at most ``tie``.
     """
@@ -130,7 +130,7 @@ def _equals(n, score, bar, tie, points):
 
 @helper(allocates=True)
 def _break_ties(columns, axis, group, gap):
-    """Order equal cells by their ranks along the other axes, next axis first.
+    """Order cells with equal scores by their ranks along the other axes, next axis first.
 
     Values no farther apart than ``gap`` have equal rank. Remaining ties keep their order.
     """
@@ -155,7 +155,7 @@ def _break_ties(columns, axis, group, gap):
 
 @helper(allocates=True)
 def _order_of_equals(n, d, coords, axis, group):
-    """Order points that count as equal along an axis by the following axes."""
+    """Order points that count as equal along one axis by their coordinates along the next axes."""
     extent = 0.0
     if len(group) == 1:
         return np.zeros(1, np.int64)
@@ -167,7 +167,7 @@ def _order_of_equals(n, d, coords, axis, group):
 
 @helper(allocates=True)
 def split_in_order(n, d, coords, axis, weight, share, order):
-    """Find the ``upper`` points, above a weight share, by coordinate ``axis`` of ``coords (3, m)``.
+    """Find the ``upper`` points: those above a weighted quantile of coordinate ``axis`` of ``coords (3, m)``.
 
     Points count as equal within 1e-7 of the extent, and the other coordinates decide between them. The
     ``weight`` adds up to 1. Returns the coordinate of the cut, and the maximum distance of equal points from
@@ -205,15 +205,16 @@ def split_in_order(n, d, coords, axis, weight, share, order):
 
 @helper
 def _offset(moment, measure, moments, measures):
-    """Return the distance along an axis from the piece centroid to a side centroid."""
+    """Return the signed distance along an axis from the centroid of a piece to that of a side."""
     return moment / measure - moments / measures if measure > 0.0 else 0.0
 
 
 @helper
 def tag_upper(graph, pieces, lo, hi, upper, score, bar, slack, candidates, sides):
-    """Tag the cells, write the sides and the candidates, and return the number of candidates.
+    """Assign the cells to sides by the mask ``upper``, and list the cells that may lie along the cut.
 
-    The normal is the axis of ``relax_interface``, the line to the centroid of the smaller side.
+    Writes the ``sides`` and the ``candidates``, and returns the number of candidates. The normal is the axis
+    of ``relax_interface``, the line to the centroid of the smaller side.
     """
     cells, tag, centroids, measures = pieces.cells, pieces.tag, graph.centroids, graph.measures
     reach, length, normal = graph.reach, graph.units.length, sides.normal
@@ -246,7 +247,7 @@ def tag_upper(graph, pieces, lo, hi, upper, score, bar, slack, candidates, sides
 
 @helper
 def holds_share(sides, share):
-    """Return True if the lighter side holds its mass share within the tolerance."""
+    """Return True if the lighter side has its mass share up to a tolerance."""
     left, right = sides.measures[0], sides.measures[1]
     whole, lighter = left + right, min(left, right)
     return whole > 0.0 and abs(lighter / whole - share) <= _NEAR * share
@@ -254,7 +255,7 @@ def holds_share(sides, share):
 
 @helper(allocates=True)
 def _line_between(centroids, weight, pieces, lo, hi, line):
-    """Write the line from the left side's centroid to the right side's centroid.
+    """Compute the unit vector ``line`` from the centroid of the left side to that of the right side.
 
     The cell ``weight`` adds up to 1. Returns the weight of the left side.
     """
@@ -276,7 +277,7 @@ def _line_between(centroids, weight, pieces, lo, hi, line):
 
 @helper
 def _across(line, d, frame):
-    """Write a frame with first axis ``line (3,)``.
+    """Complete the unit vector ``line (3,)`` to an orthonormal frame.
 
     The other axes decide between equal cells.
     """
@@ -298,7 +299,7 @@ def _across(line, d, frame):
 
 @helper(allocates=True)
 def shift_cut(graph, pieces, lo, hi, share, candidates, sides):
-    """Move the cut of a piece until the lighter side holds a mass ``share``.
+    """Move the cut of a piece until the lighter side has a mass ``share``.
 
     The new cut is straight, across the line between the centroids of the tagged sides. Arguments and result
     follow ``piece_driver.tag_sides``.
@@ -336,7 +337,10 @@ def shift_cut(graph, pieces, lo, hi, share, candidates, sides):
 
 @kernel
 def shift_sides(offsets, centroids, mass, sides, shares):
-    """Move each cut that misses its share, and return the block sides ``(n,)``: see ``shift_cut``."""
+    """Move the cuts of blocks whose lighter side misses its mass share, and return the sides ``(n,)``.
+
+    See ``shift_cut``.
+    """
     n, largest = len(sides), np.int64(0)
     for b in range(len(shares)):
         largest = max(largest, offsets[b + 1] - offsets[b])

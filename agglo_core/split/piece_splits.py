@@ -1,4 +1,4 @@
-"""Graph pieces in place: records, and helpers to test and partition their sides.
+"""Pieces of a graph as slices of one cell list: arrays, and functions to test and separate their sides.
 
 A piece is a slice of a cell list, ``cells[lo:hi]``, in ascending order. Each cell carries the ``tag`` of its
 side: twice the first position of the piece on the left, and twice the last position plus 1 on the right. No
@@ -35,7 +35,7 @@ _BANDS = 87.7
 
 
 class Units(NamedTuple):
-    """Powers of two that scale lengths and weights to order 1, and the sample mask ``(n,)``."""
+    """Powers of two that scale lengths and weights to order 1, and a mask of sampled cells ``(n,)``."""
 
     length: Any
     weight: Any
@@ -60,7 +60,7 @@ class PieceGraph(NamedTuple):
 
 
 class CellVertices(NamedTuple):
-    """Cell vertices as a CSR, and their points, for exact diameters."""
+    """Vertices of each cell as a CSR, and their coordinates, for exact diameters."""
 
     offsets: Any
     vertices: Any
@@ -68,7 +68,7 @@ class CellVertices(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """Cells in piece order ``(n,)``, their side tags ``(n,)`` and marks ``(n, 4)``.
+    """Cells ordered by piece ``(n,)``, their side tags ``(n,)`` and search marks ``(n, 4)``.
 
     The marks are the stamp of the last search that reached a cell, the start of that search, the stamp of the
     last visit, and the position in the list of cells with a stamp.
@@ -88,7 +88,7 @@ class Sides(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Arrays for the refinement and the searches in a piece.
+    """Workspace for the refinement and the searches in a piece.
 
     ``boundary, now, later`` are cell lists, ``queue, root`` belong to a search, and ``keys`` are positions
     along the cut. ``shared (m, 2)`` is the interface of listed cells with the other side and with their own
@@ -106,13 +106,13 @@ class Workspace(NamedTuple):
 
 @helper(allocates=True)
 def new_sides():
-    """Allocate sides with uninitialised arrays."""
+    """Allocate ``Sides`` with uninitialised arrays."""
     return Sides(np.empty(2), np.empty(2, np.int64), np.empty(3))
 
 
 @helper
 def side_tags(lo, hi):
-    """Return the tags of the left and the right side of the piece ``lo:hi``."""
+    """Return the integer tags of cells on the left and the right side of the piece ``cells[lo:hi]``."""
     return np.int64(2 * lo), np.int64(2 * hi - 1)
 
 
@@ -133,7 +133,7 @@ def new_workspace(m):
 
 @kernel
 def units_of(centroids, weights):
-    """Return the units of lengths and weights, and a cell sample.
+    """Return scale factors of lengths and weights, and a sample of the cells.
 
     Units are powers of two, so scaling preserves digits. The sample consists of the chosen cells (1) and the
     heavy cells (2). It is empty ``(0,)`` if the weights are not spread enough.
@@ -295,7 +295,7 @@ def part_list(pieces, lo, hi, spare):
 
 @helper
 def quota_of_left(quota, measures, cells_left, cells_right):
-    """Return the left side's quota: its measure share, rounded, at least 1 and at most its cell count.
+    """Return the left side's part count: its measure share, rounded, between 1 and its cell count.
 
     A quota of 0, for size goals, stays 0.
     """
@@ -313,7 +313,7 @@ def quota_of_left(quota, measures, cells_left, cells_right):
 
 @helper
 def narrowness(piece, shape, limit, ends):
-    """Return 1 if a piece has diameter at most ``limit``, 0 if not, −1 if unknown.
+    """Return 1 if a piece has diameter at most ``limit``, 0 if not, −1 if bounds do not decide.
 
     Only bounds are compared: a surrounding octagon in 2-D, a box in 3-D. The ``ends (3, d)`` are workspace
     for the centre of the piece and the ends of its box.

@@ -17,7 +17,7 @@ from agglo_core.split.piece_splits import side_tags
 
 
 class Scores(NamedTuple):
-    """Cell heights ``(m,)`` and bins in a piece, and bin sums ``(32, 5)``.
+    """Heights of a piece's cells along an axis ``(m,)``, their bins, and sums over the bins ``(32, 5)``.
 
     ``edges`` are the tails, heads and lengths of the edges inside the piece.
     """
@@ -29,7 +29,7 @@ class Scores(NamedTuple):
 
 
 class SweepWork(NamedTuple):
-    """Workspace for a sweep.
+    """Workspace for the search of the best straight cut along several axes.
 
     ``turns`` and ``finer`` are the cosines and sines of the axes in 2-D, ``frame (3, 3)`` is the piece's
     frame in 3-D.
@@ -56,14 +56,14 @@ def most_edges(lists, cells, indptr):
 
 @helper(allocates=True)
 def new_scores(m, edges):
-    """Allocate scores for pieces with at most m cells and ``edges`` edges."""
+    """Allocate ``Scores`` for pieces with at most m cells and ``edges`` edges."""
     ends = np.empty(edges, np.int32), np.empty(edges, np.int32), np.empty(edges)
     return Scores(np.empty(m), np.empty(m, np.int32), np.zeros((32, 5)), ends)
 
 
 @helper
 def edges_of_piece(graph, pieces, lo, hi, edges):
-    """Write each edge inside a piece once, with local end numbers, and return the number of edges.
+    """List each edge inside a piece once, with its cells numbered locally, and return the number of edges.
 
     All cells get the tag of the left side, and their local numbers in the second column of the marks.
     """
@@ -99,7 +99,7 @@ def _project_in_space(n, a, b, c, x, y, z, shares, score):
 
 @helper
 def _frame_block(n, edges, local, shares, scales, frame, axis, score, bins, tally):
-    """Find the cheapest cut in 3-D along the axes of a frame and its four cube diagonals.
+    """Find the cheapest cut in 3-D along the axes of a frame and its four space diagonals.
 
     Writes the best direction to ``axis`` and the heights along it to ``score``. Returns cost, last bin below,
     lowest threshold and thresholds per unit. The arguments follow ``axes_block``.
@@ -129,7 +129,7 @@ def _frame_block(n, edges, local, shares, scales, frame, axis, score, bins, tall
 
 @helper(allocates=True)
 def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
-    """Tag both sides of the loaded piece: the ``cut`` of ``piece_driver.split_pieces_by``."""
+    """Bisect the loaded piece at the cheapest threshold: the ``cut`` of ``piece_driver.split_pieces_by``."""
     (local, shares, section), (heights, bins, tally, ends), turns, finer, frame = work
     # 1. Edges inside the piece.
     n, normal, scales = hi - lo, sides.normal, (section[0], section[1], section[2])
@@ -147,7 +147,7 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
 
 @kernel
 def split_along_axes(axes, graph, shape, pieces, lists, limits, budget):
-    """Split pieces by sweeps, in 2-D along ``axes`` axes: see ``piece_driver.split_pieces_by``."""
+    """Bisect pieces by sweeps, in 2-D along ``axes`` axes: see ``piece_driver.split_pieces_by``."""
     m = largest_piece(lists)
     scores = new_scores(m, most_edges(lists, pieces.cells, graph.indptr))
     work = SweepWork(new_points(m), scores, half_circle(axes), halvings(axes, 0), np.empty((3, 3)))

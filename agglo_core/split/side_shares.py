@@ -1,4 +1,4 @@
-"""Mass shares for the sides of a split."""
+"""Mass shares of the two sides of a split."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ A larger value makes parts more equal, but more cuts are shifted (benchmarks/int
 
 
 def side_shares(parts: int) -> Float:
-    """Return the mass share ``(17,)`` of the lighter side, indexed by the quota q.
+    """Return the lighter side's mass share ``(17,)`` in a split of a piece into q parts, indexed by q.
 
     The share is below 1/2 for small odd q, where equal halves would lead to parts with very different sizes.
     Larger q count as 16. All shares are 1/2 if the level's number of ``parts`` is 0 (a size goal) or a power
@@ -30,7 +30,7 @@ def side_shares(parts: int) -> Float:
 
 
 def shift_cuts(level: Graph, sides: Int, blocks: Int, shares: Float | None) -> Int:
-    """Move the cuts of some blocks until the lighter side holds its mass share.
+    """Move the cuts of some blocks until the lighter side has its mass share.
 
     Returns the sides ``(n,)``. The new cuts are straight, across the line between the centroids of both
     sides. Cuts within 5 % of the share stay.

@@ -1,4 +1,4 @@
-"""Sweeps along rotated principal axes: the baseline for a learned bisector."""
+"""Straight cuts across rotated principal axes: the baseline for a learned bisector."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class SweepBisection:
         return sides
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """Make all splits in one call, if refiner and fixer are the built-in components."""
+        """Make all splits in one call, or return None if the refiner or the fixer is not built in."""
         from agglo_core.split.piece_sweeps import split_along_axes
 
         return PieceGrowth.for_components(
