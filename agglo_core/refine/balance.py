@@ -1,4 +1,4 @@
-"""Balance refiner: parts of equal size."""
+"""Balance refiner: move cells until parts have equal sizes."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class BalanceRefiner:
         return refine_blocks(self, graph, labels, target)
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
-        """Return the balanced labels ``(n,)``, with trades only within ``block[p]`` for part p."""
+        """Return the balanced labels ``(n,)``, where part p exchanges cells only within ``block[p]``."""
         from agglo_core.refine.balance_paths import even_out
 
         if graph.n == 0:

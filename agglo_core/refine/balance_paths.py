@@ -34,7 +34,7 @@ class Parts(NamedTuple):
 
 
 class Shift(NamedTuple):
-    """Workspace of one shift: a heap of cells, arrays of the connectivity search, and two part centres."""
+    """Workspace for moving cells between two parts: a heap of cells, search arrays, and two part centres."""
 
     heap: Any
     keys: Any
@@ -44,7 +44,7 @@ class Shift(NamedTuple):
 
 
 class Paths(NamedTuple):
-    """Workspace of the searches for paths.
+    """Workspace for the search of paths along which cells are passed from part to part.
 
     ``queue (k,)`` holds the parts in the order of the search, later those of a path; ``came (k,)`` is the
     predecessor of each part, ``seen (k + 1,)`` the number of the search that reached it. Rows of ``moves``
@@ -83,7 +83,7 @@ def _move(weights, parts, i, target):
 
 @helper
 def _centre(graph, weights, parts, p, centre):
-    """Write the centre of part p to ``centre``, or the centroid sum (zeros) for zero weight."""
+    """Compute the centre of mass of part p, or zeros if its weight is zero."""
     (_, _, centroids), total = graph, 0.0
     for a in range(len(centre)):
         centre[a] = 0.0
@@ -126,7 +126,7 @@ def _can_spare(indptr, indices, labels, i, rings, stamp):
 
 @helper
 def _shift(graph, weights, parts, home, target, amount, n_moves, paths, stamp):
-    """Move cells with about the size ``amount`` from ``home`` to ``target``, closest to the target first.
+    """Move cells of total size about ``amount`` from ``home`` to ``target``, closest to the target first.
 
     Moves are recorded in rows of ``paths.moves`` from ``n_moves`` on, up to the number of rows.
     Returns the end row, the moved size and the last stamp.
@@ -179,7 +179,7 @@ def _shift(graph, weights, parts, home, target, amount, n_moves, paths, stamp):
 
 @helper
 def _way(graph, parts, bounds, start, sign, paths):
-    """Find the nearest part to ``start`` with a size on the other side of the mean, or −1.
+    """Find the part nearest to ``start`` whose size deviates from the mean the other way, or −1 if none.
 
     The search is breadth-first over the block's parts. ``paths.came`` stores the predecessor of each part on
     the path. ``paths.barred`` pairs are skipped.
@@ -225,7 +225,7 @@ def _unevenness(parts, way, length, mean):
 
 @helper
 def _hand_on(graph, weights, parts, mean, length, sign, paths, stamp):
-    """Pass cells along the path in the queue, unless this brings sizes no nearer to the mean.
+    """Pass cells from part to part along a path if this brings the part sizes closer to the mean.
 
     The path has ``length`` parts and starts at the part to correct (``sign`` 1: too large, −1: too small).
     Returns True if cells were passed on, and the last stamp.
@@ -260,7 +260,7 @@ def _hand_on(graph, weights, parts, mean, length, sign, paths, stamp):
 
 @helper
 def _trade_cells(graph, weights, parts, bounds, p, sign, paths, stamp):
-    """Pass cells from part p (sign 1) or to part p (−1) along one of several paths.
+    """Reduce part p (sign 1) or enlarge it (−1) by passing cells along one of several paths.
 
     Returns True if a path succeeded, and the last stamp.
     """

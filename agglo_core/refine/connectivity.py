@@ -1,4 +1,4 @@
-"""Connectivity repair."""
+"""Fixer that makes every part connected."""
 
 from __future__ import annotations
 

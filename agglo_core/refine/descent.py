@@ -113,7 +113,7 @@ class DescentRefiner:
         return frozen_int(local[parts])
 
     def _allowed(self, graph: Graph, parts: Int, floors: Float, active: Mask) -> _Moves:
-        """Return the moves in ``active`` parts that pay and leave their part connected and large enough."""
+        """Return improving moves to ``active`` parts that keep the old part connected and large enough."""
         from agglo_core.refine.articulation import cut_cells
 
         # 1. All moves of boundary cells, with their changes.
@@ -180,7 +180,7 @@ def _find_improved_blocks(
 
 
 def _holds(members: Int, size: int) -> Mask:
-    """Return a mask ``(size,)`` of the numbers in ``members``."""
+    """Return a mask ``(size,)`` that is True at the indices in ``members``."""
     found: Mask = np.zeros(size, bool)
     found[members] = True
     return found

@@ -83,7 +83,7 @@ class FMRefiner:
         return refine_blocks(self, graph, labels, target)
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
-        """Return the labels ``(n,)`` after all rounds, with trades only within ``block[p]`` for part p."""
+        """Return the labels ``(n,)`` after all rounds, with exchanges of part p only within ``block[p]``."""
         from agglo_core.refine.prefix_searches import search_all
 
         lengths = np.ones(len(graph.indices)) if self.objective == "cut" else graph.interface

@@ -1,4 +1,4 @@
-"""Boundary refinement: "adjust partition" in the paper."""
+"""Boundary refinement: move cells to shorten interfaces ("adjust partition" in the paper)."""
 
 from __future__ import annotations
 

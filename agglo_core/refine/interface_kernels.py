@@ -125,7 +125,7 @@ def _part_sums(start, stop, centroids, measures, tally, moments):
 
 @helper
 def _axis_and_floors(present, floor, part_measures, moments, axis, floors):
-    """Write the axis of a block, and the smallest allowed measures of its parts.
+    """Compute the sweep axis of a block, and the smallest allowed measures of its parts.
 
     The axis points from the block centroid to the centroid of the smallest part. ``floors`` are ``floor``
     times the measure of each part. With two parts both get ``floor`` times the smaller measure.
@@ -174,7 +174,7 @@ def _leave(graph, measures, tally, floors, i, target, search, stamp):
 
 @helper
 def _collect_movers(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, movers):
-    """Write the cells worth moving to ``movers``, sorted along ``axis``, and return their number."""
+    """List the cells whose move shortens the interface, sorted along ``axis``, and return their number."""
     n_movers = 0
     for c in range(m):
         i = cells[c]
@@ -190,7 +190,7 @@ def _collect_movers(graph, parts, cells, m, pairs, lengths, axis, centroids, key
 
 @helper
 def _add_new(graph, i, cells, m, marks, stamp):
-    """Append cell i's neighbours without the mark ``stamp`` to ``cells[:m]``, and return the new length."""
+    """Append the neighbours of cell i without the mark ``stamp`` to ``cells[:m]``, and return its length."""
     indptr, indices, _ = graph
     for h in range(indptr[i], indptr[i + 1]):
         j = indices[h]
@@ -203,7 +203,7 @@ def _add_new(graph, i, cells, m, marks, stamp):
 
 @helper(allocates=True)
 def _relax_labels(offsets, indptr, indices, interface, centroids, measures, labels, floor):
-    """Return the labels after :func:`relax_interface`.
+    """Compute the labels that :func:`relax_interface` returns.
 
     ``visits`` lists the candidates for the next sweep, ``movers`` the candidates that pay. ``boundary`` lists
     all cells that are or were adjacent to another part. ``visit_marks`` and ``listed`` mark the cells in

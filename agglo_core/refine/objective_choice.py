@@ -22,7 +22,7 @@ Changes = Callable[[Graph, Int, Int, Int], Float]
 
 @dataclass(frozen=True)
 class ChosenObjective:
-    """Objective to minimise. Metrics with ``better = "high"`` get a negative sign.
+    """Objective that a refiner minimises. Metrics with ``better = "high"`` get a negative sign.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class ChosenObjective:
     title: str = ""
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Return the objective change ``(q,)`` per move, or raise PluginError for invalid results."""
+        """Return the objective change ``(q,)`` per move, or raise PluginError if it is not finite."""
         with attributed(self.title):
             values = np.asarray(self.rated(graph, labels, cells, parts), dtype=float)
         if values.shape != cells.shape or not np.isfinite(values).all():
@@ -59,7 +59,7 @@ class ChosenObjective:
 
 
 def choose_objective(objective: str | IncrementalMetric, registry: Registry | None = None) -> ChosenObjective:
-    """Return the objective for an objective name, a metric name or a metric.
+    """Return the objective given by the name of an objective or metric, or by a metric object.
 
     Raises
     ------

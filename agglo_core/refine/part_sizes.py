@@ -22,18 +22,18 @@ SIZES: Final[Mapping[Kind | None, str]] = MappingProxyType(
 
 
 class Balance(NamedTuple):
-    """Relative tolerance for part sizes about their mean, and the kind of size."""
+    """Balance requirement: relative tolerance of part sizes about their mean, and the kind of size."""
 
     tolerance: float
     size: Kind | None = None
 
     @property
     def asked(self) -> bool:
-        """True if there are bounds."""
+        """True if the part sizes are bounded."""
         return self.tolerance < np.inf
 
     def bounds(self, sizes: Float, k: int) -> tuple[float, float, float]:
-        """Return the smallest and largest size for k parts, and the mean size per cell of ``sizes (n,)``."""
+        """Return the smallest and largest size of k parts, and the mean cell size, from ``sizes (n,)``."""
         mean, cell = float(sizes.sum()) / k, float(sizes.mean())
         far = self.tolerance * mean if self.asked else np.inf
         return mean - far, mean + far, cell if cell > 0.0 else 1.0
@@ -52,14 +52,14 @@ FREE: Final = Balance(np.inf)
 
 
 def check_size(refiner: str, size: Any) -> Kind | None:
-    """Return the kind of size, or raise an OptionError for an unknown kind."""
+    """Check that ``size`` is a kind of part size, such as measure, and return it."""
     if size not in SIZES:
         raise OptionError(f"{refiner}: size must be one of {', '.join(filter(None, SIZES))}; given {size!r}")
     return size  # type: ignore[no-any-return]
 
 
 def check_tolerance(refiner: str, tolerance: float, name: str = "tolerance") -> float:
-    """Return the tolerance as a float, or raise an OptionError for other values."""
+    """Check that the tolerance is a number, 0 or more, and return it as a float."""
     number = isinstance(tolerance, int | float | np.number) and not isinstance(tolerance, bool)
     if not (number and 0.0 <= tolerance < np.inf):
         raise OptionError(f"{refiner}: {name} must be a number, 0 or more, not {tolerance!r}")
@@ -79,7 +79,7 @@ class _OfParts(Protocol):
 
 
 def refine_blocks(refiner: _OfParts, graph: Graph, labels: Int, target: Target) -> Int:
-    """Apply ``refine_parts`` with the graph's blocks, and return labels ``(n,)`` numbered per block."""
+    """Apply ``refine_parts`` to all blocks of a graph, and return labels ``(n,)`` numbered per block."""
     parts = numbered_parts(graph, labels)
     k = int(parts.max(initial=-1)) + 1
     local, block = np.empty(k, np.int64), np.empty(k, np.int64)

@@ -1,4 +1,4 @@
-"""Fiduccia–Mattheyses searches: move chains, with the best prefix kept.
+"""Fiduccia–Mattheyses searches: make chains of moves, and keep the best prefix of each.
 
 A search starts from one cell. It repeatedly moves the cell with the largest gain among the cells reached so
 far, each cell once, even if the move does not pay. Moves after the shortest interface are undone. Searches
@@ -21,7 +21,7 @@ _NONE = np.int64(-1)  # instead of a part: no admissible move
 
 @helper
 def _best_move(graph, parts, sizes, bounds, share, i):
-    """Find the target part with the largest gain for cell i, within the size bounds, or −1.
+    """Find the part to which moving cell i gains most within the size bounds, or −1 if there is none.
 
     Also returns the gain: the interface with the target minus the interface with the own part, possibly
     negative. ``share (k,)`` is a workspace of zeros.
@@ -58,7 +58,7 @@ def _move(weights, parts, sizes, cells, i, target):
 
 @helper
 def _search(graph, parts, sizes, cells, bounds, seed, patience, work, stamp):
-    """Search from one cell and keep the best prefix of its moves.
+    """Make a chain of moves that starts at one cell, and keep its best prefix.
 
     Returns the number of kept moves and the last stamp used. ``chain`` lists the moved cells in order. The
     search ends ``patience`` moves after the best prefix.
@@ -115,7 +115,7 @@ def _search(graph, parts, sizes, cells, bounds, seed, patience, work, stamp):
 
 @kernel
 def search_all(indptr, indices, lengths, weights, labels, block, least, most, rounds, patience):
-    """Search from all cells with a possible gain, in up to ``rounds`` rounds.
+    """Start chains of moves at all cells with a possible gain, in up to ``rounds`` rounds.
 
     Returns the labels ``(n,)``.
 

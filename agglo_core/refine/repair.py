@@ -29,7 +29,7 @@ def _before(a, b, value_a, value_b, places):
 
 @helper(allocates=True)
 def keepers(part_of, sizes, places, n_parts):
-    """Return the component that each part keeps ``(n_parts,)``: its largest, or −1.
+    """Return the component that each part keeps ``(n_parts,)``: its largest, or −1 if the part is empty.
 
     Ties go to the first component by position. ``part_of``, ``sizes`` and ``places`` (lengths of order 1) are
     component arrays.
@@ -44,7 +44,7 @@ def keepers(part_of, sizes, places, n_parts):
 
 @helper(allocates=True)
 def absorb(indptr, indices, interface, start_parts, nodes, component_offsets, loose, keeper, places):
-    """Join every loose component to an adjacent kept part, and return each node's part.
+    """Join components that their part does not keep to adjacent parts, and return each node's part.
 
     ``start_parts`` is the part of the remaining nodes, and −1 elsewhere. ``loose`` lists components, whose
     nodes are ``nodes[component_offsets[c]:component_offsets[c + 1]]``. All components adjacent to nodes with
@@ -142,9 +142,9 @@ def _places(cells, centroids, nodes, offsets):
 
 @helper(allocates=True)
 def _piece(cells, indptr, indices, interface, local):
-    """Return the CSR of the piece ``cells``, which are in ascending order.
+    """Extract the subgraph of the piece ``cells`` as a CSR.
 
-    Cells are renumbered in this order. ``local (n,)`` is a workspace.
+    The cells are in ascending order. Cells are renumbered in this order. ``local (n,)`` is a workspace.
     """
     # 1. Number the cells, and count their entries.
     m, count = len(cells), 0
@@ -197,7 +197,7 @@ def mend_piece(cells, labels, parts, indptr, indices, interface, centroids, meas
 
 @kernel
 def mend_sides(pieces, cells, tag, indptr, indices, interface, centroids, measures, local):
-    """Connect both sides of each of the connected ``pieces (P, 2)``, slices of ``cells`` with tags.
+    """Connect both sides of each piece in ``pieces (P, 2)``, slices of ``cells`` with side tags.
 
     See ``piece_splits`` for cells and tags, and :func:`mend_piece` for ``local``.
     """

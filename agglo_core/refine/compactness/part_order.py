@@ -1,4 +1,4 @@
-"""Positions of parts along an axis of their block, for a geometric order."""
+"""Coordinates of part centres along an axis of their block, which order the parts geometrically."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -35,7 +35,7 @@ def _block_centres(block, count, tally):
 
 @kernel
 def part_places(block, count, tally):
-    """Return the block axes ``(count, 3)`` and the positions ``(k,)`` of the part centres along them.
+    """Return the block axes ``(count, 3)`` and the coordinates ``(k,)`` of the part centres along them.
 
     An axis is the third moment Σ m |r|² r of the part centres about the block centre. It rotates with the
     block, and vanishes only by symmetry. A fixed direction then replaces it.
@@ -75,7 +75,7 @@ def part_places(block, count, tally):
 
 @helper(allocates=True)
 def _across(block, tally, axes, centres, mass, dim):
-    """Return the direction across each block's axis ``(count, 3)``: see :func:`places_across`."""
+    """Return a direction perpendicular to each block's axis ``(count, 3)``: see :func:`places_across`."""
     count = len(axes)
     unit, across = np.zeros((count, 3)), np.zeros((count, 3))
     # 1. Unit vectors u along the axes.
@@ -108,7 +108,7 @@ def _across(block, tally, axes, centres, mass, dim):
 
 @kernel
 def places_across(block, tally, axes, dim):
-    """Return the position ``(k,)`` of each part's centre across the axis of its block.
+    """Return the coordinate ``(k,)`` of each part's centre perpendicular to the axis of its block.
 
     The direction follows from the second moments and the axis. If symmetry leaves it undefined, a direction
     that rotates with the block in the plane replaces it.

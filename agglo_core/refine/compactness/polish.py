@@ -1,4 +1,4 @@
-"""Sweeps of the k-way polish: prepare the arrays, and distribute the slices to threads."""
+"""Sweeps that polish a k-way partition: prepare the arrays, and distribute groups of parts to threads."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FEW = 2_000
 
 
 def sweep_blocks(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, limit: float) -> Int:
-    """Lower inertia times interface to the power ``alpha`` in each block, and return labels ``(n,)``.
+    """Move cells to lower inertia times interface^``alpha`` in each block, and return labels ``(n,)``.
 
     No part is emptied or disconnected, falls below ``floor`` times its measure, or becomes wider than
     ``limit``.
@@ -62,7 +62,7 @@ def sweep_blocks(graph: Graph, labels: Int, block: Int, alpha: float, floor: flo
 
 
 def _sweep_in_parallel(cells: Any, state: Any, by_turns: Any, sweep_args: tuple[Any, ...]) -> None:
-    """Run the sweeps of ``sweep_all`` with several slices in parallel."""
+    """Run the sweeps of ``sweep_all`` in several threads, each on some of the slices."""
     from agglo_core.refine.compactness.state import list_due_cells
     from agglo_core.refine.compactness.sweeps import sweep_slices
 
@@ -95,7 +95,7 @@ def _slices(starts: Int, shift: int, dim: int) -> Any:
 
 
 def _reach(graph: Graph, parts: Any, k: int, limit: float) -> tuple[Any, Any]:
-    """Return lists, extents and vertices for width tests, all empty without a width limit."""
+    """Return the cell lists, part extents and vertices for width tests, all empty without a width limit."""
     from agglo_core.refine.compactness.reach import Corners, Reach, cell_radii, part_lists
 
     centroids = graph.centroids
@@ -113,7 +113,7 @@ def _reach(graph: Graph, parts: Any, k: int, limit: float) -> tuple[Any, Any]:
 
 
 def _shares(rows: Int, first: Any, count: int) -> list[tuple[int, int]]:
-    """Divide the slices into at most ``count`` ranges with about equally many due cells."""
+    """Divide the slices into at most ``count`` ranges with about equally many cells to visit."""
     if count == 1 or len(rows) == 1:
         return [(0, len(rows))]
     cells = first[rows[:, 1]]
@@ -124,7 +124,7 @@ def _shares(rows: Int, first: Any, count: int) -> list[tuple[int, int]]:
 
 @cache
 def directions(dim: int) -> tuple[Float, float]:
-    """Return unit vectors ``(D, dim)``, and the cosine of the largest angle from any direction to the set.
+    """Return unit vectors ``(D, dim)``, and the cosine of the largest angle from any direction to a vector.
 
     In 3-D the vectors point to the corners, edge midpoints and face centres of a cube.
     """

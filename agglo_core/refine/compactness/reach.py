@@ -18,7 +18,7 @@ _WALKS = 16
 
 
 class Corners(NamedTuple):
-    """Cell vertices, and the directions of extents.
+    """Vertices of the cells, and the directions along which extents are measured.
 
     ``offsets (n + 1,)`` and ``vertices`` are a CSR over the cells, and ``points (V, d)`` the vertices.
     ``radii (n,)`` are the largest vertex distances from the ``centroids (n, d)``. ``directions (D, d)`` are
@@ -35,7 +35,7 @@ class Corners(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Cell lists and extents of the parts.
+    """Linked cell lists of the parts, and the extents of the parts along several directions.
 
     The cells in a part form a linked list: ``first (k,)``, then ``after`` and ``before``, ``(n,)`` each.
     ``far (k,)`` is the last cell found too far away. ``looks (k,)`` counts visited cells, and is negative
@@ -118,7 +118,7 @@ def _extent(i, a, corners):
 
 @helper
 def _include(i, p, reach, corners):
-    """Extend the extents of part p by cell i."""
+    """Enlarge the stored extents of part p to include cell i."""
     for a in range(len(corners.directions)):
         least, most = _extent(i, a, corners)
         if least < reach.extents[p, a, 0]:
@@ -129,7 +129,7 @@ def _include(i, p, reach, corners):
 
 @helper
 def _find_extents(p, reach, corners):
-    """Compute the extents of part p after its cells were visited several times.
+    """Compute the extents of part p once its cells were visited several times.
 
     ``looks`` is negative afterwards.
     """
@@ -154,7 +154,7 @@ def _find_extents(p, reach, corners):
 
 @helper
 def _by_extents(i, p, parts, reach, limit, corners):
-    """Return 1 if cell i fits into part p, 0 if not, −1 if undecided.
+    """Compare extents: 1 if part p stays narrow enough with cell i, 0 if not, −1 if undecided.
 
     Extents do not shrink when cells leave. They prove that a part is too wide only if the cell at their end
     still belongs to the part. They always bound the width from above.

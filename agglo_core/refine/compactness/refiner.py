@@ -1,4 +1,4 @@
-"""K-way polish: compact parts with short interfaces."""
+"""K-way polish: make parts compact and their interfaces short."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class CompactnessRefiner:
         return refine_blocks(self, graph, labels, target)
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
-        """Return the labels ``(n,)`` after the sweeps, with trades only within ``block[p]`` for part p."""
+        """Return the labels ``(n,)`` after the sweeps, with exchanges of part p only within ``block[p]``."""
         if graph.n == 0:
             return labels
         limit = np.inf if target.h_star is None else float(target.h_star)

@@ -1,4 +1,4 @@
-"""State of the k-way polish: records, initial sums, and the list of cells for each sweep.
+"""Data of the k-way polish: arrays, initial sums, and the list of cells to visit in each sweep.
 
 Shapes below: n cells in d dimensions, k parts, B blocks, S slices. During the sweeps parts are numbered in
 the order of ``strip_order``, so that each block's parts are a range.
@@ -95,7 +95,7 @@ class State(NamedTuple):
 
 
 class Slices(NamedTuple):
-    """Slices of a sweep: parts in one block that trade cells.
+    """Slices of a sweep: groups of parts in one block that exchange cells.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ def part_tally(labels, count, centroids, weights, measures, floor):
 
 @kernel
 def interface_cells(cells, parts, tally, block, count):
-    """Return inertia and interface of each block ``(count, 2)``, and the cells of the first sweep.
+    """Return inertia and interface of each block ``(count, 2)``, and the cells to visit in the first sweep.
 
     In ``due (n,)`` these cells have 0, other cells −1. The block of each part is ``block (k,)``. The inertia
     J is Σ w |x − c|² over the cells, with the centre c of their part. The interface L is the length between
@@ -192,7 +192,7 @@ def interface_cells(cells, parts, tally, block, count):
 
 @kernel(allocates=False)
 def list_due_cells(state, work, sweep, before, alpha):
-    """List the cells due in this sweep by part, and return their number.
+    """List the cells to visit in this sweep, sorted by part, and return their number.
 
     The cells of part p begin at ``first[p]``, so the cells of a slice are a range in the list. The gains of
     the last sweep, over the slices ``before``, are added to ``blocks``. Blocks with little gain are finished.

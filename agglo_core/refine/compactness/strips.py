@@ -24,7 +24,7 @@ With fewer parts, strips save less time than they cost.
 
 
 def strip_order(tally: Float, block: Int, axes: Float, places: Float, dim: int) -> Int:
-    """Order the parts ``(k,)`` by block and by position along the block axis.
+    """Return the parts ``(k,)`` sorted by block, and within a block by position along its axis.
 
     With many parts, the parts are ordered in strips, two successive strips per slice. In the next sweep
     slices are shifted by one strip, so that each strip, except the first and the last, is paired with its
@@ -51,7 +51,7 @@ def strip_order(tally: Float, block: Int, axes: Float, places: Float, dim: int) 
 
 
 def slices(starts: Int, shift: int, dim: int) -> Int:
-    """Return the slices ``(S, 5)`` of a sweep.
+    """Divide the parts of each block into the slices ``(S, 5)`` of a sweep.
 
     The columns are the first part and the last part plus 1 in the slice, the first part and the last part
     plus 1 in its block, and the block number. A block has up to 16 slices, each several parts wide. With
@@ -77,7 +77,7 @@ def _slices_of(counts: Int, dim: int) -> Int:
 
 
 def _sort_in_groups(values: Float, groups: Int) -> Int:
-    """Sort values within groups, stable for equal values."""
+    """Return the order by group, and by value within a group, stable for equal values."""
     width = float(np.ptp(values))
     keys = groups + (0.5 / width if width > 0.0 else 0.0) * (values - values.min())
     order: Int = keys.argsort()  # several times faster than a stable sort

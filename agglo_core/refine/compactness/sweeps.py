@@ -63,7 +63,7 @@ def _beside(cells, state, i, work):
 
 @helper
 def _best_move(cells, state, bounds, price, i, work):
-    """Find the best target part for cell i in the slice, or −1.
+    """Find the part in the slice to which moving cell i lowers the objective most, or −1 if there is none.
 
     Returns the part, the changes in inertia and interface, and True if the cell is adjacent to parts of its
     block beyond the slice. The ``price`` is the inertia equivalent of interface 1. ``bounds`` are the first
@@ -104,7 +104,7 @@ def _best_move(cells, state, bounds, price, i, work):
 
 @helper
 def _leaves_whole(cells, state, i, target, work, stamp):
-    """Move cell i to ``target`` if its part stays locally connected, and return whether it moved.
+    """Move cell i to ``target`` if its part stays locally connected, and return True if it moved.
 
     Other threads may read the cell's label meanwhile, and see one part of the slice or another.
     """
@@ -168,7 +168,7 @@ def _sort_listed(cells, state, work, b, start, stop):
 
 @helper
 def _may_leave(cells, state, i, target, work, stamp, reach, limit, corners):
-    """Move cell i to ``target`` if both parts stay admissible, and return whether it moved.
+    """Move cell i to ``target`` if both parts stay admissible, and return True if it moved.
 
     The old part must not become empty, disconnected or too small, and the new part not too wide. Only the
     cell's label changes.
@@ -205,7 +205,7 @@ def _read_ahead(cells, state, work, first, last):
 
 @kernel(allocates=False)
 def sweep_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, reach, corners):
-    """Visit each due cell once in the slices from ``start`` to ``stop``, and return the number of moves.
+    """Visit the cells listed in the slices from ``start`` to ``stop`` once, and return the number of moves.
 
     Moves lower J · L^α, inertia times interface to the power ``alpha``, linearised about the ``blocks`` at
     the start of the sweep. The changes in inertia and interface are added to the slice gains. Within a part,
@@ -263,7 +263,7 @@ def sweep_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, r
 
 @kernel(allocates=False)
 def sweep_all(cells, state, work, even, odd, sweeps, alpha, limit, reach, corners):
-    """Run at most ``sweeps`` sweeps in one thread, alternately over the even and the odd slices."""
+    """Run at most ``sweeps`` sweeps in one thread, alternately over two divisions into slices."""
     by_turns = (even, odd)
     for sweep in range(sweeps):
         slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
