@@ -1,4 +1,4 @@
-"""Annealed partitions of one graph: kernel arrays built once, and operations on them."""
+"""Simulated annealing on one graph: arrays built once for compiled functions, and operations on them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ROUNDING = 1e-9
 
 
 class Weights(NamedTuple):
-    """Score weights: evenness, inscribed-circle ratio, centroid-circle ratio."""
+    """Weights of the partition score: even diameters, inscribed circles, circles about the centroids."""
 
     even: float = 1.0
     round: float = 1.0
@@ -39,14 +39,14 @@ class Weights(NamedTuple):
 
 @dataclass(frozen=True)
 class Shapes:
-    """Diameter, inscribed-circle ratio and centroid-circle ratio of each part ``(k,)``."""
+    """Diameter of each part ``(k,)``, and diameters of its inscribed and centred circle relative to it."""
 
     widths: Float
     ratios: Float
     central: Float
 
     def score(self, weights: Weights) -> float:
-        """Return the partition score: mean over largest diameter and mean ratios, weighted."""
+        """Return the score: a weighted sum of mean over largest diameter and of the mean circle ratios."""
         most = float(self.widths.max())
         even = float(self.widths.mean()) / most if most > 0.0 else 1.0
         return (
@@ -57,7 +57,7 @@ class Shapes:
 
 
 class OrderedBlock:
-    """A one-block graph with cells ordered along a curve, so that neighbours are close in memory.
+    """A one-block graph with its cells ordered along a curve, so that neighbours are close in memory.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class OrderedBlock:
 
 
 class Annealing(OrderedBlock):
-    """Annealing on one block for round parts, with labels in its order."""
+    """Simulated annealing for round parts on one block, with labels in curve order."""
 
     def __init__(self, graph: Graph) -> None:
         from agglo_core.anneal.edges import cell_edges
@@ -117,7 +117,7 @@ class Annealing(OrderedBlock):
         limit: TimeLimit | None = None,
         of_part: Int | None = None,
     ) -> tuple[Int, Shapes]:
-        """Anneal with ``draws`` draws per cell in the fast kernel, and return labels and shapes.
+        """Anneal with ``draws`` draws per cell and estimated circles, and return labels and shapes.
 
         If ``of_part`` is given, parts only trade cells within their share.
         """
@@ -146,7 +146,7 @@ class Annealing(OrderedBlock):
         weights: Weights,
         limit: TimeLimit | None = None,
     ) -> tuple[Int, Shapes]:
-        """Anneal with true circles in 2-D, ``draws`` draws per cell, and return labels and shapes."""
+        """Anneal with ``draws`` draws per cell and true circles in 2-D, and return labels and shapes."""
         from agglo_core.anneal.circle_annealing import anneal_circles
         from agglo_core.anneal.circles import circle_state
 
@@ -170,16 +170,16 @@ class Annealing(OrderedBlock):
         return frozen_int(parts.labels), self._circled(parts)
 
     def shapes(self, labels: Int) -> Shapes:
-        """Return the part shapes, with true circles in 2-D."""
+        """Return the shapes of the parts, with true inscribed circles in 2-D."""
         parts, _ = self._state(labels)
         return self._seen(parts) if self.edges is None else self._circled(parts)
 
     def seen(self, labels: Int) -> Shapes:
-        """Return the part shapes as in the fast kernel."""
+        """Return the shapes of the parts, with estimated inscribed circles as in ``annealed``."""
         return self._seen(self._state(labels)[0])
 
     def _state(self, labels: Int) -> Any:
-        """Return part sums, widths and lists, and the kernel workspace."""
+        """Set up the arrays of the parts (sums, widths, cell lists), and the workspace."""
         from agglo_core.anneal.widths import part_state
 
         return part_state(self.cells, labels, int(labels.max()) + 1)
@@ -202,7 +202,7 @@ class Annealing(OrderedBlock):
 
 
 def corner_cells(graph: Graph) -> Any:
-    """Return graph cells with their corners, for kernels that test widths."""
+    """Return the cells of a graph with their vertices, for functions that compute part diameters."""
     from agglo_core.anneal.state import Cells
     from agglo_core.anneal.widths import cell_surroundings
 
@@ -214,7 +214,7 @@ def corner_cells(graph: Graph) -> Any:
 
 
 def too_wide(shapes: Shapes, labels: Int, size: float) -> Mask:
-    """Return a mask ``(k,)`` of the parts with several cells wider than the size."""
+    """Return a mask ``(k,)`` of the parts that are wider than ``size`` and have several cells."""
     wide: Mask = (shapes.widths > size * (1 + ROUNDING)) & (np.bincount(labels) > 1)
     return wide
 

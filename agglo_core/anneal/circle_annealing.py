@@ -47,7 +47,7 @@ A smaller bound rejects good moves unseen, a larger bound costs more tests (benc
 
 @helper
 def _score(width, radius, centred, params, penalty):
-    """Return the part score with circles.
+    """Return the score of a part from its width and the radii of its two circles.
 
     ``params`` is (size h, evenness, weights for both circle ratios). The circles are the largest
     inscribed circle, and the largest about the centroid.
@@ -76,7 +76,7 @@ def _update_sums(i, p, sign, parts, cells, circles):
 
 @helper
 def _swap(i, p, q, parts, cells, circles):
-    """Move cell i from part p to part q in lists and sums."""
+    """Update cell lists and sums for a move of cell i from part p to part q."""
     exchange(i, p, q, parts)
     _update_sums(i, p, -1.0, parts, cells, circles)
     _update_sums(i, q, 1.0, parts, cells, circles)
@@ -84,7 +84,7 @@ def _swap(i, p, q, parts, cells, circles):
 
 @helper
 def _new_circle(p, changed, cells, parts, edges, circles):
-    """Return the circle inside part p, and the radius about its centroid.
+    """Return the largest circle found inside part p, and the radius of the circle about its centroid.
 
     The old circle remains unless ``changed``. Returns radius, centre, and the other radius.
     """
@@ -162,7 +162,7 @@ def _try_move(i, p, q, least, params, penalty, cells, parts, edges, circles, wor
 
 @kernel(allocates=False)
 def anneal_circles(cells, edges, parts, circles, work, shares, start, stop, params, rounds, seed, stamp):
-    """Draw and move cells as ``anneal`` does, with circle scores, and return the number of moves."""
+    """Draw and move cells as ``anneal`` does, with scores from true circles, and count the moves."""
     moved, most = 0, most_draws(rounds)
     for s in range(start, stop):
         # 1. Random numbers and marks of this share.

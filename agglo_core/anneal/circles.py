@@ -40,7 +40,7 @@ A smaller value starts more searches, and misses fewer circles (benchmarks/round
 
 
 class Circles(NamedTuple):
-    """Part circles ``(k, 6)``, and workspace ``(5, e + 1)`` for the edges around a part."""
+    """Circles inside the parts ``(k, 6)``, and workspace ``(5, e + 1)`` for the boundary edges of a part."""
 
     rings: Any
     room: Any
@@ -48,7 +48,7 @@ class Circles(NamedTuple):
 
 @helper
 def outline(p, parts, edges, circles):
-    """Write the edges around part p to the workspace columns, and return their number."""
+    """Write the boundary edges of part p to the workspace columns, and return their number."""
     m, i, lines = np.int64(0), parts.first[p], circles.room
     while i >= 0:
         c = np.uint64(i)
@@ -91,7 +91,7 @@ def _within(x, y, m, lines):
 
 @helper
 def _enlarge_circle(x, y, m, lines):
-    """Return a locally almost largest circle inside the edges, by steps away from the nearest edge.
+    """Enlarge a circle inside the edges to nearly a local maximum, by steps away from the nearest edge.
 
     Steps shrink, because at a ridge with several nearest edges constant steps would oscillate.
     """
@@ -183,7 +183,7 @@ def touches(i, p, x, y, radius, parts, edges):
 
 @helper
 def _largest(p, m, centre, cells, parts, lines):
-    """Return the circle inside part p, searched from its centroid and from all deep cell centroids."""
+    """Return the largest circle found inside part p from its centroid and from cell centroids deep inside."""
     best = circle_inside(p, m, centre, centre, cells, parts, lines)
     deepest, i = best[0], parts.first[p]
     while i >= 0:
@@ -199,7 +199,7 @@ def _largest(p, m, centre, cells, parts, lines):
 
 @kernel
 def circle_state(cells, edges, parts):
-    """Return the circles inside all parts."""
+    """Return the largest circles found inside all parts."""
     k = len(parts.tally)
     circles = Circles(np.zeros((k, 6)), np.empty((5, len(edges.beside) + 1)))
     # 1. First moments.

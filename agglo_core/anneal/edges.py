@@ -12,7 +12,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 
 class Edges(NamedTuple):
-    """Cell edges as a CSR.
+    """Edges of each 2-D cell as a CSR.
 
     ``beside (e,)`` is the adjacent cell or −1. ``lines (e, 5)`` are one end (two columns), the vector from
     there to the other end (two), and 1/length², or 0.
@@ -25,7 +25,7 @@ class Edges(NamedTuple):
 
 @helper
 def _shared_ends(i, j, cells):
-    """Find the two farthest vertices that cells i and j share, or −1 twice."""
+    """Find the two farthest vertices that cells i and j share, or −1 twice if they share fewer than two."""
     end_u, end_v, most = np.int32(-1), np.int32(-1), 0.0
     begin, end = cells.offsets[j], cells.offsets[j + 1]
     # Visit all vertex pairs u, v of cell i, v listed before u, that are both vertices of cell j.
@@ -47,7 +47,7 @@ def _shared_ends(i, j, cells):
 
 @helper
 def _write_line(row, u, v, points, lines):
-    """Write the edge between two vertices and return its length."""
+    """Write the edge between two vertices to a row of ``lines``, and return its length."""
     x, y = points[v, 0] - points[u, 0], points[v, 1] - points[u, 1]
     square = x * x + y * y
     lines[row, 0], lines[row, 1], lines[row, 2], lines[row, 3] = points[u, 0], points[u, 1], x, y
@@ -57,7 +57,7 @@ def _write_line(row, u, v, points, lines):
 
 @helper
 def _outer_edges(i, m, ring, cells, pairs, lines, neighbours, n_shared):
-    """Write the edges between consecutive corners of a cell that no other cell shares.
+    """Write the edges between consecutive corners of a cell that it shares with no other cell.
 
     ``pairs[:n_shared]`` contain the ends of its shared edges in the first two columns. The third column and
     ``ring`` are workspace. Returns the number of edges written so far, and the total length of the new edges.

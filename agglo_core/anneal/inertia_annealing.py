@@ -32,7 +32,7 @@ SIZE, CENTRE, _COLUMNS = 1, 4, 7
 
 
 class Pursuit(NamedTuple):
-    """Objective and bounds: inertia · J + interface · L, plus size penalties.
+    """Objective, inertia · J + interface · L plus size penalties, and bounds on width and size.
 
     Fields: cell weights and sizes ``(n,)``, factors for the inertia J and the interface L, the largest part
     width, the smallest and largest part size, and the unit for size deviations.
@@ -59,7 +59,7 @@ def _square(i, p, cells, parts):
 
 @helper
 def _off(size, pursuit):
-    """Return a size's squared deviation from its bounds, in the pursuit's units."""
+    """Return the squared deviation of a part size from its bounds, in units of ``pursuit.unit``."""
     off = max(max(size - pursuit.most, pursuit.least - size), 0.0) / pursuit.unit
     return off * off
 
@@ -134,11 +134,11 @@ def _move_cell(i, p, q, cells, parts, work, pursuit, stamp):
 
 @kernel(allocates=False)
 def anneal_inertia(cells, parts, work, shares, start, stop, pursuit, rounds, seed, stamp):
-    """Draw cells from the shares ``start`` to ``stop`` − 1, and move them to adjacent parts if admissible.
+    """Draw cells at random from shares of the parts, and move them to adjacent parts if admissible.
 
-    A move is admissible if the objective increases by no more than the Metropolis criterion allows. No part
-    is emptied or disconnected. No part becomes wider than the limit, or than before. Penalties apply to sizes
-    beyond their bounds. Arguments and marks are as in ``anneal``.
+    The shares are ``start`` to ``stop`` − 1. A move is admissible if the objective increases by no more than
+    the Metropolis criterion allows. No part is emptied or disconnected. No part becomes wider than the limit,
+    or than before. Penalties apply to sizes beyond their bounds. Arguments and marks are as in ``anneal``.
     """
     moved, most = 0, most_draws(rounds)
     for s in range(start, stop):
@@ -161,7 +161,7 @@ def anneal_inertia(cells, parts, work, shares, start, stop, pursuit, rounds, see
 
 @kernel
 def solver_state(cells, weights, sizes, labels, count, limited):
-    """Return the state of the parts ``0..count−1``, with widths and lists if ``limited``, and workspace."""
+    """Set up the arrays of the parts ``0..count−1``, with widths and lists if ``limited``, and workspace."""
     n, m = len(labels), (len(labels) if limited else 0)
     part_labels, tally, ends = (
         np.empty(n, np.int32),

@@ -1,4 +1,4 @@
-"""Search for k-way parts, for solvers or round: effort, objective, time limit and balance."""
+"""Search for good k-way partitions: effort, objective, time limit and balance."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from agglo_core.refine.part_sizes import FREE, Balance, check_size, check_tolera
 
 @dataclass(frozen=True)
 class PartSearch:
-    """Part search on connected graphs.
+    """Search for good partitions of connected graphs by simulated annealing.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class PartSearch:
         balance: Any = None,
         size: str | None = None,
     ) -> PartSearch | None:
-        """Return the search for a component's options, or None without an effort.
+        """Create the search from a component's options, or return None if no effort is given.
 
         Raises
         ------
@@ -125,7 +125,7 @@ class PartSearch:
     def _by_component(
         self, graph: Graph, target: Target, seed: int, start: Start, rival: Rival, limit: TimeLimit
     ) -> Int:
-        """Search parts for a size target in each component that remains without wider cells."""
+        """Search parts for a size target in each connected component of the cells that do not exceed it."""
         # 1. Separate wide cells, and split the rest into components.
         size = float(target.h_star or 0.0) * (1 + ROUNDING)
         wide = graph.part_diameters(np.arange(graph.n)) > size

@@ -1,4 +1,4 @@
-"""Annealing refiner: move cells between parts at a fixed part count."""
+"""Annealing refiner: move cells between parts at random, with a fixed number of parts."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class AnnealRefiner:
 
 
 def _size(tool: Annealing, parts: int, most: float) -> float:
-    """Return the expected width for ``parts`` parts of a block, or ``most`` if cells have no measure."""
+    """Return the expected width of a block's ``parts`` parts, or ``most`` if the cells have measure zero."""
     whole = float(tool.graph.measures.sum())
     even = (whole / (_FILLED[tool.graph.dim] * parts)) ** (1.0 / tool.graph.dim)
     return max(even, float(tool.widths.max())) if even > 0.0 else most  # no part is narrower than its cells

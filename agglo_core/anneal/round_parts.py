@@ -48,7 +48,7 @@ brain with 40 parts)."""
 def round_parts(
     graph: Graph, target: Target, seed: int, effort: str, start: Start, rival: Rival, limit: TimeLimit
 ) -> Int:
-    """Return round, even parts for a connected graph, or the rival's parts if they score higher.
+    """Partition a connected graph into round, even parts, or as ``rival`` does if that scores higher.
 
     With a size the number of parts is free, and the target's count is ignored. With a count the number of
     parts is exact.
@@ -72,7 +72,7 @@ def round_parts(
 def _search_parts(
     search: Search, graph: Graph, target: Target, parts: int, start: Start, rival: Rival
 ) -> Int:
-    """Search from the start, and return labels in search order."""
+    """Search from the partition that ``start`` returns, and return the labels in curve order."""
     first = connect_parts(graph, start(graph, parts))
     if target.h_star is not None:
         labels, shapes = search.thinned(*search.fitted(search.tool.inward(first)))
@@ -83,7 +83,7 @@ def _search_parts(
 
 
 def _search_sizes(search: Search, first: Int) -> Int:
-    """Return the best labels over several sizes, with as many parts as ``first``.
+    """Search with several part sizes at a fixed number of parts, and return the best labels.
 
     The next size is larger if parts were too wide, otherwise smaller, and at least the width of the widest
     cell. The search keeps the best size.
@@ -111,7 +111,7 @@ def _search_sizes(search: Search, first: Int) -> Int:
 def _from_pieces(
     search: Search, graph: Graph, target: Target, seed: int, effort: str, start: Start, rival: Rival
 ) -> Int:
-    """Return labels, in search order, starting from parts on a coarser graph of pieces."""
+    """Search on a coarser graph of pieces first, then on the cells, and return the labels in curve order."""
     size, parts = _size_and_parts(graph, target, True)
     # 1. Graph of pieces.
     pieces = connect_parts(graph, start(graph, _PIECES * parts))

@@ -16,7 +16,7 @@ from agglo_core.progress import TimeLimit
 
 @dataclass(frozen=True)
 class Effort:
-    """Amount of work.
+    """Amount of work that a search may do: draws per cell, and numbers of trials.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ _CUTS = 60
 
 
 class Search:
-    """Search on a connected one-block graph, with labels in the order of ``tool``.
+    """Search for round parts of a connected one-block graph, with labels in the cell order of ``tool``.
 
     Parameters
     ----------
@@ -115,12 +115,12 @@ class Search:
 
     @property
     def sizes(self) -> int:
-        """Number of sizes to try."""
+        """Number of part sizes to try for a given number of parts."""
         few = self.tool.graph.n <= 2 * _MANY
         return self._effort.sizes if few else max(1, self._effort.sizes // 2)
 
     def annealed(self, labels: Int, ramps: Ramps = _FIRST, share: float = 1.0) -> tuple[Int, Shapes]:
-        """Anneal with a share of the draws, and return labels and shapes as in the fast kernel."""
+        """Anneal with a fraction ``share`` of the draws, and return labels and shapes."""
         draws = share * self._moves
         return self.tool.annealed(labels, self.size, ramps, draws, *self._rest())
 
@@ -130,7 +130,7 @@ class Search:
         return self.tool.annealed(labels, self.size, ramps, self._polish, *self._rest())
 
     def fitted(self, labels: Int) -> tuple[Int, Shapes]:
-        """Anneal repeatedly, and cut parts that are too wide between the runs."""
+        """Anneal repeatedly, and cut parts that are too wide before each new run."""
         labels, shapes = self.annealed(labels)
         for _ in range(_ROUNDS if self._small else _LATE_ROUNDS):
             wide = self._wide(labels, shapes)
@@ -162,7 +162,7 @@ class Search:
         return labels, shapes
 
     def _thinned_together(self, labels: Int, shapes: Shapes) -> tuple[Int, Shapes]:
-        """Dissolve the worst part in each share, and undo changes that do not pay."""
+        """Dissolve the worst part in each of several shares of the parts, and keep improved shares."""
         for _ in range(self._effort.tries):
             k = len(shapes.widths)
             if k < 2 * _NEAR or self.limit.over():
@@ -184,14 +184,14 @@ class Search:
         return labels, shapes
 
     def _poorest(self, shapes: Shapes, of_part: Int) -> Mask:
-        """Return a mask ``(k,)`` of the worst part in each share."""
+        """Return a mask ``(k,)`` of the worst part in each share of the parts."""
         order = np.lexsort((shapes.widths / self.size + shapes.ratios, of_part))
         chosen = np.zeros(len(order), bool)
         chosen[order[np.unique(of_part[order], return_index=True)[1]]] = True
         return chosen
 
     def _worth(self, labels: Int, shapes: Shapes, of_part: Int, count: int) -> Float:
-        """Return each share's mean part score ``(count,)``, or −∞ where a part is too wide."""
+        """Return each share's mean part score ``(count,)``, or −∞ if one of its parts is too wide."""
         scores = self.weights.even * shapes.widths / self.size + self.weights.round * shapes.ratios
         scores += self.weights.central * shapes.central
         scores = np.where(self._wide(labels, shapes), -np.inf, scores)
@@ -200,7 +200,7 @@ class Search:
         return result
 
     def polished(self, labels: Int, shapes: Shapes, *, cut: bool = True) -> tuple[Int, Shapes]:
-        """Polish with true circles, and with ``cut`` also make all parts narrow enough."""
+        """Anneal with true circles at low temperature, and with ``cut`` first cut parts that are too wide."""
         wide = self._wide(labels, shapes)
         for _ in range(_CUTS if cut else 0):
             if not wide.any():
@@ -223,10 +223,10 @@ class Search:
         return -np.inf if self._wide(labels, shapes).any() else shapes.score(self.weights)
 
     def _wide(self, labels: Int, shapes: Shapes) -> Mask:
-        """Return a mask of the parts wider than the size."""
+        """Return a mask ``(k,)`` of the parts wider than the size, except single cells."""
         return too_wide(shapes, labels, self.size)
 
     def _rest(self) -> tuple[int, Weights, TimeLimit]:
-        """Return a new seed, the weights and the limit."""
+        """Return the last arguments of an annealing run: a new seed, the weights and the time limit."""
         self._seed = splitmix(self._seed)
         return int(self._seed[0]), self.weights, self.limit

@@ -1,4 +1,4 @@
-"""Annealing rounds: decreasing temperatures, shares of parts for several threads, a time limit."""
+"""Rounds of simulated annealing: decreasing temperatures, shares of the parts for threads, a time limit."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _Make = Callable[[Any, Any, int, int, Float, Any, int], object]
 
 
 class Ramps(NamedTuple):
-    """First and last temperature, first and last penalty for violated bounds (0 for none)."""
+    """First and last temperature of a run, first and last penalty for violated bounds (0 for none)."""
 
     hot: float
     cold: float
@@ -57,7 +57,7 @@ class Ramps(NamedTuple):
     stiff: float = 0.0
 
     def for_cells(self, cells: float) -> Ramps:
-        """Return ramps for ``cells`` cells per part: beyond ``_USUAL`` temperatures decrease."""
+        """Return ramps for ``cells`` cells per part: temperatures are lower beyond ``_USUAL`` cells."""
         scale = min(1.0, _USUAL / cells)
         return self._replace(hot=scale * self.hot, cold=scale * self.cold)
 
@@ -92,7 +92,7 @@ def take_turns(
     limit: TimeLimit,
     of_part: Int | None = None,
 ) -> None:
-    """Run all rounds, with several shares in parallel.
+    """Run all annealing rounds, with disjoint shares of the parts in parallel.
 
     The labels do not depend on the thread count. Parts are divided into shares repeatedly, unless the share
     of each part, ``of_part``, is given. After the time limit, few draws bring the parts to rest. If the limit
@@ -123,7 +123,7 @@ def take_turns(
 
 
 def _select_rounds(rounds: Float) -> Float:
-    """Return a few of the rounds, including the last, with few draws."""
+    """Select a few of the remaining rounds, including the last, with few draws each."""
     chosen = np.unique(np.linspace(0, rounds.shape[1] - 1, _LAST_ROUNDS).round().astype(np.int64))
     few = rounds[:, chosen].copy()
     few[2] = np.minimum(few[2], _LAST_DRAWS)
@@ -144,7 +144,7 @@ def _share_out(make: _Make, shares: Any, workspaces: list[Any], rounds: Float, s
 
 
 def divide_into_shares(graph: Graph, labels: Int, k: int, count: int, seed: int) -> Int:
-    """Divide the parts into ``count`` shares ``(k,)`` along a curve with an orientation from the seed."""
+    """Divide the parts into ``count`` shares ``(k,)`` along a randomly oriented space-filling curve."""
     if count == 1:
         return frozen_int(np.zeros(k))
     cells = np.bincount(labels, minlength=k)
@@ -157,7 +157,7 @@ def divide_into_shares(graph: Graph, labels: Int, k: int, count: int, seed: int)
 
 
 def _shares(labels: Int, of_part: Int) -> Any:
-    """Return the cells sorted by share."""
+    """Return the cells sorted by the share of their part."""
     from agglo_core.anneal.state import Shares
 
     each = frozen_int(of_part[labels])

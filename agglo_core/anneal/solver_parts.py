@@ -21,7 +21,7 @@ from agglo_core.refine.part_sizes import FREE, Balance
 
 
 class SolverAnnealing(OrderedBlock):
-    """Annealing on one connected block for solvers, with labels in its order.
+    """Simulated annealing for solvers on one connected block, with labels in curve order.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class SolverAnnealing(OrderedBlock):
     def annealed(
         self, labels: Int, ramps: Ramps, draws: float, seed: int, limit: TimeLimit | None = None
     ) -> Int:
-        """Return the labels after ``draws`` draws per cell, equal for any number of threads.
+        """Anneal with ``draws`` draws per cell, and return the labels, equal for any number of threads.
 
         Temperatures are relative to the change by a cell of mean size.
         """
@@ -104,7 +104,7 @@ def solver_parts(
     limit: TimeLimit,
     balance: Balance = FREE,
 ) -> Int:
-    """Return the best parts found for solvers on a connected graph, including the rival's parts.
+    """Return the best partition for solvers from several annealing runs, their start and ``rival``.
 
     With a size, the number of parts follows the start, or the rival if it has fewer parts. With a count the
     number is exact, balanced if requested.
@@ -134,7 +134,7 @@ def solver_parts(
 
 
 def _first(graph: Graph, target: Target, start: Start, rival_labels: Int) -> Int:
-    """Return the initial labels: the start if it meets the target with no more parts than the other."""
+    """Return the labels from ``start`` if they meet the target with few parts, else ``rival_labels``."""
     parts = int(rival_labels.max()) + 1
     first = connect_parts(graph, start(graph, min(parts, target.parts or parts)))
     if target.h_star is not None:
@@ -144,13 +144,13 @@ def _first(graph: Graph, target: Target, start: Start, rival_labels: Int) -> Int
 
 
 def _worth(graph: Graph, labels: Int, balance: Balance) -> tuple[bool, float]:
-    """Return a sort key, smaller is better: balanced labels first, then by the objective."""
+    """Return a sort key of labels, smaller is better: balanced labels first, then by the objective."""
     off = not balance.holds(graph.node_sizes(balance.size), labels)
     return off, OBJECTIVES["solver"].value(graph, labels)
 
 
 def _even_or_polish(graph: Graph, labels: Int, target: Target, balance: Balance) -> Int:
-    """Even out sizes if requested, else apply the default polish.
+    """Even out part sizes if requested, otherwise apply the default polish.
 
     The polish is kept if it lowers the objective and meets the target.
     """

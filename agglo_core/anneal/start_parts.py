@@ -34,7 +34,7 @@ def cut_in_two(graph: Graph, labels: Int, chosen: Mask) -> Int:
 
 
 def _far_side(graph: Graph, cells: Int) -> Mask:
-    """Return a mask of the cells beyond the centre along the principal axis, neither none nor all."""
+    """Return a mask of the cells beyond the centre along the principal axis, some cells but not all."""
     # 1. Principal axis of the centroids.
     weights = graph.measures[cells]
     weights = weights if weights.sum() > 0.0 else np.ones(len(cells))
@@ -68,7 +68,7 @@ def dissolve_part(graph: Graph, labels: Int, part: int) -> Int:
 
 
 def _most_shared(graph: Graph, labels: Int, cell: int) -> int:
-    """Return the non-negative part with the longest interface with a cell, or −1."""
+    """Return the part that has the longest interface with a cell, or −1 if no neighbour has a part."""
     row = slice(int(graph.indptr[cell]), int(graph.indptr[cell + 1]))
     neighbour_parts = labels[graph.indices[row]]
     has_part = neighbour_parts >= 0
@@ -99,7 +99,7 @@ def dissolve_parts(graph: Graph, labels: Int, chosen: Mask, of_part: Int) -> Int
 
 
 def _most_shared_each(graph: Graph, labels: Int, cells: Int, share: Int, of_part: Int) -> Int:
-    """Return, for each cell ``(q,)``, the part in its share with the longest interface, or −1."""
+    """Return, for each cell ``(q,)``, the part in its share with the longest interface, or −1 if none."""
     # 1. Graph entries from the cells to parts in their share.
     counts = np.diff(graph.indptr)[cells].astype(np.int64)
     move = np.repeat(np.arange(len(cells)), counts)
@@ -125,7 +125,7 @@ Rival = Callable[[Graph, Target], Int]
 
 
 def connect_parts(graph: Graph, labels: Int) -> Int:
-    """Return labels without gaps and with every part connected."""
+    """Make every part connected, and return labels without gaps."""
     return ConnectivityFixer().fix(graph, frozen_int(np.unique(labels, return_inverse=True)[1]))
 
 
@@ -139,7 +139,7 @@ def partition_by_bisection(graph: Graph, target: Target) -> Int:
 
 
 def parts_within(graph: Graph, labels: Int, size: float) -> Int:
-    """Cut parts wider than a size in two, recursively, except single cells."""
+    """Bisect parts recursively until only single cells are wider than ``size``."""
     while True:
         wide = (graph.part_diameters(labels) > size * (1 + ROUNDING)) & (np.bincount(labels) > 1)
         if not wide.any():

@@ -1,4 +1,4 @@
-"""Annealing state and random moves."""
+"""Arrays of simulated annealing, and random moves of cells."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -40,7 +40,7 @@ class Cells(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Part of each cell, and each part's sums, ends and cell list.
+    """Part of each cell, and for each part its sums, its two farthest vertices and its cell list.
 
     ``tally (k, 4)`` has the columns named above, ``ends (k, 2)`` the two farthest vertices. The cells in a
     part form a linked list: ``first (k,)``, then ``after`` and ``before``, ``(n,)`` each, terminated by −1.
@@ -107,7 +107,7 @@ def exchange(i, p, q, parts):
 
 
 class Shares(NamedTuple):
-    """Cells sorted by share, start of each share ``(S + 1,)``, and the share of each part ``(k,)``.
+    """Cells sorted by share, offsets of the shares ``(S + 1,)``, and the share of each part ``(k,)``.
 
     The parts in a share trade cells only among themselves, so several threads may process the shares.
     """

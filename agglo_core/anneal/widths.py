@@ -1,4 +1,4 @@
-"""Part widths while cells move, and the initial annealing state."""
+"""Diameters of parts while cells move, and the initial arrays of simulated annealing."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -179,7 +179,7 @@ def cell_surroundings(indptr, interface, boundary, centroids, offsets, vertices,
 
 @kernel
 def part_state(cells, labels, count):
-    """Return the state of the parts ``0..count−1``, with sums, diameters and lists, and workspace."""
+    """Set up the arrays of the parts ``0..count−1``: sums, diameters and lists, and the workspace."""
     n, points = len(labels), len(cells.points)
     part_labels, tally, ends = (
         np.empty(n, np.int32),
