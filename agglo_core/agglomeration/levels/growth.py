@@ -36,7 +36,7 @@ class Growth(Protocol):
 
 @runtime_checkable
 class GrowthToSize(Growth, Protocol):
-    """Optional: growth that can also bisect until all parts are small enough."""
+    """Optional interface of a growth object: bisect until all parts are small enough."""
 
     def split_to_size(self, limit: float, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
         """Split the pieces until only single cells are wider than ``limit``.
@@ -47,7 +47,7 @@ class GrowthToSize(Growth, Protocol):
 
 @runtime_checkable
 class RestartedGrowth(Growth, Protocol):
-    """Optional: growth that can restart from other initial pieces.
+    """Optional interface of a growth object: restart from other initial pieces.
 
     A restart is cheaper than a new growth object.
     """
@@ -58,10 +58,10 @@ class RestartedGrowth(Growth, Protocol):
 
 @runtime_checkable
 class Growing(Protocol):
-    """Optional: a bisector that makes, refines and fixes all splits itself."""
+    """Optional interface of a bisector: make, refine and fix all splits itself."""
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> Growth | None:
-        """Return growth from the connected ``pieces (n,)``, or None if it does not support the components.
+        """Return a growth object for the connected ``pieces (n,)``, or None if components are unsupported.
 
         The parts must be as good as the joint result of ``bisect_level``, the refiners and the fixer. A
         bisector that cannot replace these components returns None.

@@ -25,7 +25,7 @@ from agglo_core.protocols import Target
 
 @runtime_checkable
 class PartRefiner(Protocol):
-    """Optional: a refiner of finished levels that works on the whole graph, without a subgraph per block.
+    """Optional interface of a refiner: work on the whole graph, without a subgraph per block.
 
     Building the block graph takes time.
     """

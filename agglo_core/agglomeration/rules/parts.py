@@ -158,7 +158,7 @@ class PartRules:
         return self._asked("incomplete", labels, np.logical_or, fill=False)
 
     def kept(self, graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int) -> Int:
-        """Enforce the rules on a level, each part inside ``blocks (n,)``, and return its labels.
+        """Enforce the rules on a level within its ``blocks (n,)``, and return the new labels.
 
         Raises
         ------
