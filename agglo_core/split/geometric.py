@@ -32,7 +32,7 @@ class CoordinateBisection:
         return split_at_median(level, coordinates[:, 0], coordinates[:, 1:], shares)
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """Make all splits in one call, or return None if there are refiners or the fixer is not built in."""
+        """Return an object for all splits in one call, or None if refiners or fixer are unsupported."""
         from agglo_core.split.piece_medians import split_across_boxes
 
         if refiners:  # cells with equal gain would move in another order than in the recursion by depth
@@ -63,7 +63,7 @@ class InertialBisection:
         return split_at_median(level, coordinates[:, 0], coordinates[:, 1:])
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """Make all splits in one call, or return None if the refiner or the fixer is not built in.
+        """Return an object for all splits in one call, or None if refiners or fixer are unsupported.
 
         As in the recursion by depth, every split is tested and repaired, including splits of small pieces.
         """

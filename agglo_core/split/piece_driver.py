@@ -1,4 +1,4 @@
-"""Recursive bisection within one cell list: cut, refine, test and separate pieces, for all bisectors.
+"""Recursive bisection of mesh pieces within one cell list: cut, refine, test and separate the sides.
 
 A bisector supplies two helpers, to load and to cut a piece. Everything else happens here.
 """
@@ -44,7 +44,7 @@ _ROUNDING = 1e-12  # relative to the extent of the piece: bound on the rounding 
 
 
 class Lists(NamedTuple):
-    """Lists of pieces to split, postponed and finished, and counters.
+    """Lists of mesh pieces (to split, postponed, finished), and counters.
 
     Rows in ``todo`` and ``ready`` are pieces to split and postponed pieces. ``leaf (n,)`` marks the start of
     finished pieces. ``counts (3,)`` are the numbers of rows in use and the next stamp. ``tally (depths, 3)``
@@ -59,7 +59,7 @@ class Lists(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Thresholds for finished and postponed pieces, and the mass shares of cuts.
+    """Thresholds that make a piece finished or postponed, and the mass shares of cuts.
 
     ``diameter`` is h* or 0. ``floor`` is the refinement's floor, negative for no refinement. Pieces with at
     most ``later`` cells are postponed. Connectivity is tested in pieces with more than ``tiny`` cells.
@@ -171,7 +171,7 @@ def _cut_and_refine(cut, shift, work, graph, pieces, lo, hi, extent, share, side
 
 @helper(allocates=True)
 def split_pieces(load, cut, work, graph, shape, pieces, lists, limits, budget):
-    """Split pieces as :func:`split_pieces_by` does, by cuts that aim at equal halves.
+    """Split mesh pieces as :func:`split_pieces_by` does, by cuts that aim at equal halves.
 
     If the lighter side must hold less, the cut is moved: a straight cut across the line between the
     centroids.
@@ -183,7 +183,7 @@ def split_pieces(load, cut, work, graph, shape, pieces, lists, limits, budget):
 
 @helper(allocates=True)
 def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists, limits, budget):
-    """Split pieces depth-first until all are finished or postponed (paper, Algorithm 1).
+    """Split mesh pieces depth-first until all are finished or postponed (paper, Algorithm 1).
 
     Ends early after ``budget`` cells, counted once per split, or when the lists are full.
 

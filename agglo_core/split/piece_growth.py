@@ -125,7 +125,7 @@ class PieceGrowth:
         fixer: Any,
         tiny: int = _TINY,
     ) -> PieceGrowth | None:
-        """Return growth for the built-in refiner and fixer, or None if other components are given."""
+        """Return a growth object for the built-in refiner and fixer, or None for other components."""
         floors = [r.floor for r in refiners if type(r) is InterfaceRefiner]
         if type(fixer) is not ConnectivityFixer or len(floors) < len(refiners) or len(refiners) > 1:
             return None
@@ -217,7 +217,7 @@ class PieceGrowth:
         stamp: int = 0,
         step: int = 1,
     ) -> tuple[Int, int]:
-        """Split the pieces until all are finished or postponed.
+        """Split mesh pieces until all are finished or postponed.
 
         Returns the postponed pieces, including tiny pieces cut from larger pieces, and the next stamp.
         """

@@ -75,7 +75,7 @@ def _cut_across_axis(graph, pieces, lo, hi, extent, work, candidates, sides):
 
 @kernel
 def split_across_axes(graph, shape, pieces, lists, limits, budget):
-    """Bisect pieces recursively across their principal axes: see ``piece_driver.split_pieces_by``."""
+    """Bisect mesh pieces recursively across their principal axes: see ``piece_driver.split_pieces_by``."""
     m = largest_piece(lists)
     work = AxisWork(new_framed_points(m), new_order(m))
     split_pieces(_load_frame, _cut_across_axis, work, graph, shape, pieces, lists, limits, budget)
@@ -119,7 +119,7 @@ def _cut_box(graph, pieces, lo, hi, extent, work, candidates, sides):
 
 @helper(allocates=True)
 def _cut_box_by_mass(graph, pieces, lo, hi, extent, share, edge, work, candidates, sides):
-    """Cut the loaded piece across the longest side of its box at a mass share, not at half the weight."""
+    """Cut the loaded piece across the longest side of its box, at a mass share."""
     for k in range(hi - lo):
         work.weight[k] = graph.measures[pieces.cells[lo + k]]
     return _cut_box_at(graph, pieces, lo, hi, extent, share, work, candidates, sides)
@@ -140,7 +140,7 @@ def _quota_by_slices(quota, sides, graph, pieces, lo, middle, hi):
 
 @kernel
 def split_across_boxes(graph, shape, pieces, lists, limits, budget):
-    """Bisect pieces recursively across their longest box sides: see ``piece_driver.split_pieces_by``."""
+    """Bisect mesh pieces recursively across their longest box sides: see ``piece_driver.split_pieces_by``."""
     m = largest_piece(lists)
     work = BoxWork(np.empty((3, m)), np.empty(m), np.empty(3), new_order(m))
     helpers = _load_box, _cut_box, _cut_box_by_mass, _quota_by_slices

@@ -1,4 +1,4 @@
-"""Refine the two sides of a piece: move cells along the cut until the interface is shortest."""
+"""Refine the two sides of a mesh piece: move cells along the cut until the interface is shortest."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 

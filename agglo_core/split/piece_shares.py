@@ -1,4 +1,4 @@
-"""Cut pieces at a prescribed mass share, across an axis or the line between the sides' centroids."""
+"""Cut mesh pieces at a prescribed mass share, across an axis or the line between side centroids."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 

@@ -1,4 +1,4 @@
-"""Pieces of a graph as slices of one cell list: arrays, and functions to test and separate their sides.
+"""Mesh pieces as slices of one cell list, with functions to test and separate their sides.
 
 A piece is a slice of a cell list, ``cells[lo:hi]``, in ascending order. Each cell carries the ``tag`` of its
 side: twice the first position of the piece on the left, and twice the last position plus 1 on the right. No

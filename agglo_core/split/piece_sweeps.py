@@ -147,7 +147,7 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
 
 @kernel
 def split_along_axes(axes, graph, shape, pieces, lists, limits, budget):
-    """Bisect pieces by sweeps, in 2-D along ``axes`` axes: see ``piece_driver.split_pieces_by``."""
+    """Bisect mesh pieces by sweeps, in 2-D along ``axes`` axes: see ``piece_driver.split_pieces_by``."""
     m = largest_piece(lists)
     scores = new_scores(m, most_edges(lists, pieces.cells, graph.indptr))
     work = SweepWork(new_points(m), scores, half_circle(axes), halvings(axes, 0), np.empty((3, 3)))

@@ -16,7 +16,7 @@ A larger value makes parts more equal, but more cuts are shifted (benchmarks/int
 
 
 def side_shares(parts: int) -> Float:
-    """Return the lighter side's mass share ``(17,)`` in a split of a piece into q parts, indexed by q.
+    """Return the lighter side's mass share in a split into q parts, indexed by q ``(17,)``.
 
     The share is below 1/2 for small odd q, where equal halves would lead to parts with very different sizes.
     Larger q count as 16. All shares are 1/2 if the level's number of ``parts`` is 0 (a size goal) or a power

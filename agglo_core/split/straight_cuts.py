@@ -53,7 +53,7 @@ class SweepBisection:
         return sides
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """Make all splits in one call, or return None if the refiner or the fixer is not built in."""
+        """Return an object for all splits in one call, or None if refiners or fixer are unsupported."""
         from agglo_core.split.piece_sweeps import split_along_axes
 
         return PieceGrowth.for_components(
