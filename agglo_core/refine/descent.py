@@ -113,7 +113,7 @@ class DescentRefiner:
         return frozen_int(local[parts])
 
     def _allowed(self, graph: Graph, parts: Int, floors: Float, active: Mask) -> _Moves:
-        """Return improving moves to ``active`` parts that keep the old part connected and large enough."""
+        """Return improving moves to ``active`` parts, if the old part stays connected and large enough."""
         from agglo_core.refine.articulation import cut_cells
 
         # 1. All moves of boundary cells, with their changes.

@@ -124,7 +124,7 @@ def _shares(rows: Int, first: Any, count: int) -> list[tuple[int, int]]:
 
 @cache
 def directions(dim: int) -> tuple[Float, float]:
-    """Return unit vectors ``(D, dim)``, and the cosine of the largest angle from any direction to a vector.
+    """Return unit vectors ``(D, dim)``, and the cosine of a direction's largest angle to the nearest one.
 
     In 3-D the vectors point to the corners, edge midpoints and face centres of a cube.
     """

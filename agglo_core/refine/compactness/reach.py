@@ -154,7 +154,7 @@ def _find_extents(p, reach, corners):
 
 @helper
 def _by_extents(i, p, parts, reach, limit, corners):
-    """Compare extents: 1 if part p stays narrow enough with cell i, 0 if not, −1 if undecided.
+    """Return 1 if cell i fits into part p by the extents, 0 if it does not, −1 if they do not decide.
 
     Extents do not shrink when cells leave. They prove that a part is too wide only if the cell at their end
     still belongs to the part. They always bound the width from above.
