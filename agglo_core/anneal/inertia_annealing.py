@@ -134,11 +134,12 @@ def _move_cell(i, p, q, cells, parts, work, pursuit, stamp):
 
 @kernel(allocates=False)
 def anneal_inertia(cells, parts, work, shares, start, stop, pursuit, rounds, seed, stamp):
-    """Draw cells at random from shares of the parts, and move them to adjacent parts if admissible.
+    """Draw cells at random from groups of parts, and move them to adjacent parts if admissible.
 
-    The shares are ``start`` to ``stop`` − 1. A move is admissible if the objective increases by no more than
-    the Metropolis criterion allows. No part is emptied or disconnected. No part becomes wider than the limit,
-    or than before. Penalties apply to sizes beyond their bounds. Arguments and marks are as in ``anneal``.
+    The groups are the shares ``start`` to ``stop`` − 1. A move is admissible if the objective increases by no
+    more than the Metropolis criterion allows. No part is emptied or disconnected. No part becomes wider than
+    the limit, or than before. Penalties apply to sizes beyond their bounds. Arguments and marks are as in
+    ``anneal``.
     """
     moved, most = 0, most_draws(rounds)
     for s in range(start, stop):

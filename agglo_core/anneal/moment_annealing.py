@@ -101,12 +101,12 @@ def _try_move(i, p, q, least, params, penalty, cells, parts, work, stamp):
 
 @kernel(allocates=False)
 def anneal(cells, parts, work, shares, start, stop, params, rounds, seed, stamp):
-    """Draw cells at random from shares of the parts, and move them to adjacent parts if admissible.
+    """Draw cells at random from groups of parts, and move them to adjacent parts if admissible.
 
-    The shares are ``start`` to ``stop`` − 1. ``rounds (3, R)`` are temperatures, penalties, and draws per
-    cell. No part is emptied or disconnected. Returns the number of moves. Search marks are numbered from
-    ``stamp``, with one number per draw of each cell over all rounds, and one more per round. The numbers must
-    be unused in the workspace.
+    The groups are the shares ``start`` to ``stop`` − 1. ``rounds (3, R)`` are temperatures, penalties, and
+    draws per cell. No part is emptied or disconnected. Returns the number of moves. Search marks are numbered
+    from ``stamp``, with one number per draw of each cell over all rounds, and one more per round. The numbers
+    must be unused in the workspace.
     """
     moved, most = 0, most_draws(rounds)
     for s in range(start, stop):

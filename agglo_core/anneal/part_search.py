@@ -125,7 +125,7 @@ class PartSearch:
     def _by_component(
         self, graph: Graph, target: Target, seed: int, start: Start, rival: Rival, limit: TimeLimit
     ) -> Int:
-        """Search parts for a size target in each connected component of the cells that do not exceed it."""
+        """Search parts for a size target in each connected component of the cells narrower than it."""
         # 1. Separate wide cells, and split the rest into components.
         size = float(target.h_star or 0.0) * (1 + ROUNDING)
         wide = graph.part_diameters(np.arange(graph.n)) > size

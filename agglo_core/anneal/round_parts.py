@@ -1,4 +1,4 @@
-"""Round parts with even widths, found by annealing at a given effort."""
+"""Parts that are round and of even width, found by annealing at a given effort."""
 
 from __future__ import annotations
 

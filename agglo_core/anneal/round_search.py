@@ -162,7 +162,7 @@ class Search:
         return labels, shapes
 
     def _thinned_together(self, labels: Int, shapes: Shapes) -> tuple[Int, Shapes]:
-        """Dissolve the worst part in each of several shares of the parts, and keep improved shares."""
+        """Dissolve the worst part in each group of parts (share), and keep the groups that improve."""
         for _ in range(self._effort.tries):
             k = len(shapes.widths)
             if k < 2 * _NEAR or self.limit.over():
@@ -184,14 +184,14 @@ class Search:
         return labels, shapes
 
     def _poorest(self, shapes: Shapes, of_part: Int) -> Mask:
-        """Return a mask ``(k,)`` of the worst part in each share of the parts."""
+        """Return a mask ``(k,)`` of the worst part in each group ``of_part (k,)``."""
         order = np.lexsort((shapes.widths / self.size + shapes.ratios, of_part))
         chosen = np.zeros(len(order), bool)
         chosen[order[np.unique(of_part[order], return_index=True)[1]]] = True
         return chosen
 
     def _worth(self, labels: Int, shapes: Shapes, of_part: Int, count: int) -> Float:
-        """Return each share's mean part score ``(count,)``, or −∞ if one of its parts is too wide."""
+        """Return each group's mean part score ``(count,)``, or −∞ if one of its parts is too wide."""
         scores = self.weights.even * shapes.widths / self.size + self.weights.round * shapes.ratios
         scores += self.weights.central * shapes.central
         scores = np.where(self._wide(labels, shapes), -np.inf, scores)

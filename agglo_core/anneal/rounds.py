@@ -1,4 +1,4 @@
-"""Rounds of simulated annealing: decreasing temperatures, shares of the parts for threads, a time limit."""
+"""Rounds of simulated annealing: decreasing temperatures, groups of parts for threads, a time limit."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def take_turns(
     limit: TimeLimit,
     of_part: Int | None = None,
 ) -> None:
-    """Run all annealing rounds, with disjoint shares of the parts in parallel.
+    """Run all annealing rounds, with disjoint groups of parts (shares) in parallel.
 
     The labels do not depend on the thread count. Parts are divided into shares repeatedly, unless the share
     of each part, ``of_part``, is given. After the time limit, few draws bring the parts to rest. If the limit
@@ -144,7 +144,7 @@ def _share_out(make: _Make, shares: Any, workspaces: list[Any], rounds: Float, s
 
 
 def divide_into_shares(graph: Graph, labels: Int, k: int, count: int, seed: int) -> Int:
-    """Divide the parts into ``count`` shares ``(k,)`` along a randomly oriented space-filling curve."""
+    """Divide the parts into ``count`` groups (shares) along a randomly oriented curve: ``(k,)``."""
     if count == 1:
         return frozen_int(np.zeros(k))
     cells = np.bincount(labels, minlength=k)
@@ -157,7 +157,7 @@ def divide_into_shares(graph: Graph, labels: Int, k: int, count: int, seed: int)
 
 
 def _shares(labels: Int, of_part: Int) -> Any:
-    """Return the cells sorted by the share of their part."""
+    """Return the cells sorted by share, the group of parts to which their part belongs."""
     from agglo_core.anneal.state import Shares
 
     each = frozen_int(of_part[labels])

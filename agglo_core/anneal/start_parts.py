@@ -79,7 +79,7 @@ def _most_shared(graph: Graph, labels: Int, cell: int) -> int:
 
 
 def dissolve_parts(graph: Graph, labels: Int, chosen: Mask, of_part: Int) -> Int:
-    """Dissolve the ``chosen (k,)`` parts: their cells join other parts in their share.
+    """Dissolve the ``chosen (k,)`` parts: their cells join other parts in the same group (share).
 
     Returns the labels ``(n,)``. Each cell joins the part with the longest common interface, from the outside
     in. A part that cannot be dissolved stays.
@@ -99,7 +99,7 @@ def dissolve_parts(graph: Graph, labels: Int, chosen: Mask, of_part: Int) -> Int
 
 
 def _most_shared_each(graph: Graph, labels: Int, cells: Int, share: Int, of_part: Int) -> Int:
-    """Return, for each cell ``(q,)``, the part in its share with the longest interface, or −1 if none."""
+    """Return, for each cell ``(q,)``, the part in its group with the longest interface, or −1 if none."""
     # 1. Graph entries from the cells to parts in their share.
     counts = np.diff(graph.indptr)[cells].astype(np.int64)
     move = np.repeat(np.arange(len(cells)), counts)

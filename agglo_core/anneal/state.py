@@ -107,7 +107,7 @@ def exchange(i, p, q, parts):
 
 
 class Shares(NamedTuple):
-    """Cells sorted by share, offsets of the shares ``(S + 1,)``, and the share of each part ``(k,)``.
+    """Groups of parts (shares): cells by share, offsets ``(S + 1,)``, and the share of each part ``(k,)``.
 
     The parts in a share trade cells only among themselves, so several threads may process the shares.
     """
@@ -145,13 +145,13 @@ def most_draws(rounds):
 
 @helper
 def share_seed(seed, s):
-    """Return the random seed for share s."""
+    """Return the random seed for share s, a group of parts."""
     return np.uint64(seed) ^ np.uint64(s + 1) * _STEP
 
 
 @helper
 def draw_move(state, s, shares, cells, parts):
-    """Draw a cell of share s and one of its neighbours.
+    """Draw a random cell in the group of parts s, and one of its neighbours.
 
     Returns the next generator state, the cell, and the parts of cell and neighbour. If the cell cannot move,
     its part is returned twice.
