@@ -1,4 +1,4 @@
-"""MPI communication between ranks, with error propagation.
+"""MPI communication between ranks. An error on one rank becomes an error on all.
 
 All messages pass through this module and are counted. Between two exchanges, each rank works alone inside
 :meth:`Ranks.together`: an error on any rank is raised on all ranks, so no rank waits for a failed rank.
@@ -27,7 +27,7 @@ _TAG = 7411  # message tag, unlike tags of other users of the communicator
 
 
 class RankError(AggloError, RuntimeError):
-    """Failure on another rank. The message names the rank and its error.
+    """Error on this rank because another rank failed. The message names that rank and its error.
 
     Examples
     --------
@@ -40,7 +40,7 @@ class RankError(AggloError, RuntimeError):
 
 @dataclass
 class Traffic:
-    """Messages and bytes sent by this rank.
+    """Number of messages and bytes that this rank has sent.
 
     Examples
     --------
@@ -114,7 +114,7 @@ class Ranks:
         return max(self.gathered(value))
 
     def reduced(self, values: NDArray[Any], how: Literal["sum", "min", "max"]) -> NDArray[Any]:
-        """Reduce equally shaped arrays from all ranks entry by entry, with equal result on all ranks.
+        """Reduce arrays of equal shape entry by entry over all ranks (allreduce).
 
         Integer sums do not depend on the distribution, real sums differ in the last digits.
         """
@@ -132,7 +132,7 @@ class Ranks:
         return found
 
     def exchanged(self, parcels: Mapping[int, T]) -> dict[int, T]:
-        """Send ``parcels`` by receiver and return the received parcels by sender. Collective.
+        """Send ``parcels`` (by receiving rank), and return the received parcels by sending rank. Collective.
 
         A parcel to the sending rank itself arrives unchanged.
         """
@@ -157,13 +157,13 @@ class Ranks:
         return {rank: result[rank] for rank in sorted(result)}
 
     def since_last(self) -> Traffic:
-        """Return the traffic since the previous call."""
+        """Return the number of messages and bytes that this rank has sent since the previous call."""
         sent = self.traffic - self._told
         self._told += sent
         return sent
 
     def meet(self) -> None:
-        """Wait until all ranks arrive, without using the processor.
+        """Wait until all ranks arrive (barrier), without occupying the processor.
 
         MPI itself would wait in a busy loop. Every collective operation starts with this call.
         """
@@ -176,7 +176,7 @@ class Ranks:
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Run local work: a failure on one rank is a failure on all ranks.
+        """Run the body without communication, and raise an error on all ranks if it fails on one.
 
         The failing rank raises its own error, all others a :class:`RankError` with its message. The body must
         not communicate.

@@ -1,4 +1,4 @@
-"""Rendezvous for related rows: rows from many ranks meet on one rank, replies return to senders."""
+"""Exchange of table rows between ranks: related rows are sent to one rank, which replies to the senders."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.errors import MeshError
 
 
 class Meeting:
-    """Rows sent to this rank.
+    """Table rows that this rank has received from all ranks for a joint evaluation.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Meeting:
         self.senders = frozen_int(np.repeat(np.array(list(counts), np.int64), list(counts.values())))
 
     def answered(self, *columns: NDArray[Any]) -> list[NDArray[Any]]:
-        """Reply to each received row (``(m, …)``), and return the replies to sent rows (``(n, …)``)."""
+        """Send a reply for each received row, and return the replies to the rows sent by this rank."""
         bounds = np.searchsorted(self.senders, np.arange(self._ranks.size + 1))
         parcels = {
             rank: [array[bounds[rank] : bounds[rank + 1]] for array in columns]
@@ -66,13 +66,13 @@ class Meeting:
 
 
 def rank_of_key(keys: UInt64, size: int) -> Int:
-    """Assign uniformly distributed keys to ranks: equal 64-bit intervals in rank order."""
+    """Assign uniformly distributed 64-bit keys to ranks, an equal interval of keys to each rank."""
     half = np.uint64(32)
     return frozen_int((keys >> half) * np.uint64(size) >> half)
 
 
 def groups(*keys: NDArray[Any]) -> tuple[Int, Int]:
-    """Sort rows by the keys (last key first), and return the order and the group bounds."""
+    """Group the rows with equal keys: return an order that sorts them, and the offsets of the groups."""
     order = np.lexsort(keys)
     new = np.zeros(len(order), bool)
     new[:1] = True
@@ -82,7 +82,7 @@ def groups(*keys: NDArray[Any]) -> tuple[Int, Int]:
 
 
 def refuse_all(ranks: Ranks, fault: str | None) -> None:
-    """Raise MeshError on all ranks if any rank has a fault."""
+    """Raise MeshError on all ranks if any rank reports a fault."""
     faults = [each for each in ranks.gathered(fault) if each is not None]
     if faults:
         raise MeshError(faults[0])

@@ -1,1 +1,1 @@
-"""Agglomeration across ranks: domains, levels, goals, rules."""
+"""Agglomeration across ranks: domains, levels, targets, constraints."""

@@ -1,4 +1,4 @@
-"""Cell blocks by coordinates, independent of ranks: the top of a bisection tree common to all ranks."""
+"""Blocks of cells by recursive bisection of coordinates, independent of the distribution to ranks."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ _DIGIT = 4
 
 
 class Reduced(Protocol):
-    """Entrywise reduction across ranks, for arrays with equal shape: :meth:`Ranks.reduced`."""
+    """Entrywise sum, minimum or maximum over the ranks' arrays of equal shape, as :meth:`Ranks.reduced`."""
 
     def __call__(self, values: NDArray[Any], how: Literal["sum", "min", "max"], /) -> NDArray[Any]: ...
 
 
 def _reduce_on_one_rank(values: NDArray[Any], how: Literal["sum", "min", "max"], /) -> NDArray[Any]:
-    """Return the values unchanged, as reduction on a single rank."""
+    """Return the values unchanged: the reduction over a single rank."""
     return values
 
 
 def halvings(n_cells: int, dim: int, block_cells: int | None) -> int:
-    """Return the number of cuts from all cells to blocks of about ``block_cells`` or fewer.
+    """Return the number of successive halvings that lead to blocks of about ``block_cells`` cells or fewer.
 
     Raises
     ------
@@ -50,12 +50,12 @@ def halvings(n_cells: int, dim: int, block_cells: int | None) -> int:
 
 
 def rank_of_block(block: Int, count: int, size: int) -> Int:
-    """Assign ``count`` blocks to ``size`` ranks, consecutive blocks to each rank."""
+    """Return the rank of each block: ``count`` blocks on ``size`` ranks, consecutive blocks together."""
     return frozen_int(np.asarray(block) * size // count)
 
 
 def coordinate_blocks(points: Float, depth: int, reduced: Reduced = _reduce_on_one_rank) -> Int:
-    """Assign each local point to a block ``(n,)``, one among ``2**depth``, by recursive halving.
+    """Assign each point of this rank to one of ``2**depth`` blocks by recursive coordinate bisection.
 
     Each block is cut across the longest side of its box, at the coordinate that gives the most equal halves:
     points with equal coordinate, up to rounding, stay together. Blocks with equal leading digits are
@@ -97,7 +97,7 @@ def _on_grid(points: Float, reduced: Reduced) -> Int:
 
 
 def _longest_sides(axes: Int, block: Int, count: int, reduced: Reduced) -> Int:
-    """Return the longest axis for each block's box."""
+    """Return the axis along which each block's bounding box is longest."""
     low, high = np.full((len(axes), count), 1 << _BITS), np.full((len(axes), count), -1 << _BITS)
     for k, along in enumerate(axes):
         np.minimum.at(low[k], block, along)
@@ -107,7 +107,7 @@ def _longest_sides(axes: Int, block: Int, count: int, reduced: Reduced) -> Int:
 
 
 def _medians(coordinate: Int, block: Int, count: int, reduced: Reduced) -> Int:
-    """Return a coordinate per block that splits its points most evenly (≤ and >).
+    """Return for each block the coordinate that splits its points most evenly (≤ and >).
 
     The middle point's coordinate is found digit by digit, by counting the points that share all digits so
     far.

@@ -1,4 +1,4 @@
-"""Graph on a rank's cells and ghosts, with agreement between ranks on edges."""
+"""Dual graph on a rank's cells and ghosts, and agreement between ranks on forbidden edges."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _DIGITS = 2.0**30  # values are rounded to integers of this size, so that sums a
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Own cells and ghosts on a rank, with their owners.
+    """Dual graph on the cells and ghosts of a rank, with the rank that owns each cell.
 
     Attributes
     ----------
@@ -37,17 +37,17 @@ class Cells:
 
     @cached_property
     def own(self) -> Mask:
-        """Mask for own cells ``(n,)``."""
+        """Mask for the cells owned by this rank ``(n,)``."""
         mask: Mask = self.owners == self.ranks.rank
         return mask
 
     @cached_property
     def rows(self) -> Int:
-        """Row of each graph entry ``(m,)``."""
+        """Tail node of each edge ``(m,)``: its row in the adjacency matrix."""
         return frozen_int(np.repeat(np.arange(self.graph.n), np.diff(self.graph.indptr)))
 
     def total(self, values: Float) -> float:
-        """Return the sum over all ranks' own cells, independent of the distribution to the last digit."""
+        """Sum values over the cells of all ranks, with a result bitwise independent of the distribution."""
         own_values = values[self.own]
         scale = self.ranks.largest(float(own_values.max(initial=0.0)))
         if not scale > 0:
@@ -57,7 +57,10 @@ class Cells:
 
 
 def agree_on_forbidden(cells: Cells, forbidden: Mask) -> Mask:
-    """Return the forbidden entries, where an edge between ranks is forbidden if either side forbids it."""
+    """Return the forbidden edges. An edge between two ranks is forbidden if either rank forbids it.
+
+    Edges within a rank keep their marks.
+    """
     graph, rows, is_own = cells.graph, cells.rows, cells.own
     entry = np.flatnonzero(forbidden & is_own[rows] & ~is_own[graph.indices])
     own_node, ghost_node = rows[entry], graph.indices[entry].astype(np.int64)
@@ -73,7 +76,7 @@ def agree_on_forbidden(cells: Cells, forbidden: Mask) -> Mask:
 
 
 def mark_pairs(row: Int, column: Int, pairs: Int, n: int) -> Mask:
-    """Mark graph entries (``n`` nodes) that join a pair in ``pairs (p, 2)``, in either direction."""
+    """Mark the edges (``n`` nodes) that join a pair of ``pairs (p, 2)``, in either direction."""
     if not len(pairs):
         return np.zeros(len(row), bool)
     keys = np.concatenate((pairs[:, 0] * n + pairs[:, 1], pairs[:, 1] * n + pairs[:, 0]))

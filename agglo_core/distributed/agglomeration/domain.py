@@ -43,11 +43,11 @@ class Links:
     barrier: Mask
 
     def chosen(self, which: Mask | Int) -> Links:
-        """Select links."""
+        """Select links by mask or indices."""
         return Links(*(getattr(self, name)[which] for name in _LINK))
 
     def renamed(self, node: Int, to: Int, domain: Int) -> Links:
-        """Return links between agglomerates, merged per pair and sorted by node and id."""
+        """Return the links between agglomerates, merged per pair and sorted by local node and remote id."""
         order = np.lexsort((self.barred, to, node))
         keys = np.stack((node[order], to[order], self.barred[order]))
         first = np.flatnonzero(np.append(True, (np.diff(keys, axis=1) != 0).any(axis=0))[: keys.shape[1]])
@@ -68,7 +68,7 @@ _LINK = ("node", "to", "domain", "interface", "barred", "barrier")
 
 @dataclass(frozen=True, eq=False)
 class Domain:
-    """Part of a graph on cells or agglomerates.
+    """Subgraph that one rank agglomerates independently: cells or agglomerates as nodes.
 
     Attributes
     ----------
@@ -99,14 +99,14 @@ class Domain:
         return self.graph.n
 
     def counted(self, bounds: Sequence[Member]) -> list[Member]:
-        """Return the bounds on part sizes, with the nodes' cells and weights filled in."""
+        """Return the bounds on part sizes, with the cell counts and weights of the nodes filled in."""
         return [
             replace(each, tool=each.tool.counting(self.cells, frozen_float(self.weights[:, column])))
             for column, each in enumerate(bounds)
         ]
 
     def by_itself(self) -> Graph:
-        """Return the graph as an isolated domain, with links counted as boundary."""
+        """Return the graph of the domain alone, with the faces to other domains as boundary."""
         if not len(self.links.node):
             return self.graph
         beyond = np.bincount(self.links.node, self.links.interface, self.n)
@@ -114,7 +114,7 @@ class Domain:
         return made.with_loads(self.graph.loads)
 
     def coarsened(self, labels: Int, first: int, to: Int) -> Domain:
-        """Return the coarse domain for agglomerates ``labels (n,)``, with ids from ``first`` on.
+        """Return the coarse domain with agglomerates ``labels (n,)`` as nodes, with ids from ``first`` on.
 
         ``to (e,)`` are the new ids at the links.
         """
@@ -132,7 +132,7 @@ class Domain:
         )
 
     def to_send(self) -> Domain:
-        """Return the domain with the points reduced to its own cells."""
+        """Return the domain with only the points that its nodes use, for sending."""
         from agglo_core.compiled.graphs import number_as_met
 
         vertices, points = number_as_met(self.graph.vertices, len(self.graph.points))
@@ -144,7 +144,9 @@ class Domain:
 def join_pieces(
     pieces: Sequence[Domain], number: int, renumbered: Callable[[Int], Int]
 ) -> tuple[Domain, list[Int]]:
-    """Join pieces to one domain. Return the domain and each piece's node positions.
+    """Join several domains into one.
+
+    Return the joined domain, and the indices in it of the nodes of each given domain.
 
     Parameters
     ----------
@@ -182,7 +184,7 @@ def join_pieces(
 
 
 def _join_graphs(graphs: list[Graph], places: list[Int], order: Int, inside: Links, ends: Int) -> Graph:
-    """Join the graphs. Links ``inside`` with ``ends (e, 2)`` become edges unless barred."""
+    """Join the graphs into one. Links ``inside`` become edges with ``ends (e, 2)`` unless barred."""
     from agglo_core.compiled.graphs import take_rows
 
     # Edges of all graphs, and links that are not barred, by row and column.

@@ -1,4 +1,4 @@
-"""Levels of a single domain, built as on a whole mesh."""
+"""Levels of a single domain, built as on a mesh without ranks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from agglo_core.registry.attribution import Member
 
 @dataclass(frozen=True)
 class DomainRun:
-    """Agglomeration on domains.
+    """Agglomeration of single domains with the components and constraints of a run.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class DomainRun:
     kept: Kept
 
     def levels(self, domain: Domain, goals: Sequence[Goal], number: int, turn: int) -> list[Int]:
-        """Return the labels ``(n,)`` per level in domain ``number`` after ``turn`` domain changes."""
+        """Return the labels ``(n,)`` of each level in a domain, after ``turn`` changes of the domains."""
         if domain.n == 0:
             return [frozen_int(np.empty(0))] * len(goals)
         kway = self.pipeline.method == "kway"
@@ -50,14 +50,17 @@ class DomainRun:
             return make(domain.by_itself(), goals, run, post, kway=kway, nested=self.pipeline.nested)
 
     def intermediate(self, domain: Domain, goal: Goal, number: int, turn: int) -> Int:
-        """Return labels for an auxiliary level without bounds, used to form larger domains."""
+        """Return the labels of an auxiliary level without bounds, from which larger domains are formed."""
         if domain.n == 0:
             return frozen_int(np.empty(0))
         run, post = self._seeded(number, turn), self._post(domain, ())
         return self._maker(domain)(domain.by_itself(), [goal], run, post, kway=False, nested=True)[0]
 
     def _maker(self, domain: Domain) -> Callable[..., list[Int]]:
-        """Return the function that builds levels. Agglomerates already contain whole lines."""
+        """Return the function that builds levels: by lines of strongly coupled cells, or without.
+
+        Only cells are grouped by lines, because agglomerates already contain whole lines.
+        """
         return line_levels if self.pipeline.lines and (domain.cells == 1).all() else compute_levels
 
     def _post(self, domain: Domain, bounds: Sequence[Member]) -> PostPass:
@@ -69,7 +72,7 @@ class DomainRun:
         return PostPass(self.pipeline.merge, bool(self.run.post_refiners), rules)
 
     def _seeded(self, number: int, turn: int) -> Run:
-        """Return the run with a seed for this domain. The first domain keeps the run's seed."""
+        """Return the run with a random seed for this domain. The first domain has the seed of the run."""
         if number == turn == 0:
             return self.run
         root: UInt64 = np.array([self.run.seed], np.uint64)

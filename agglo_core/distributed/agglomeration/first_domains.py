@@ -1,4 +1,4 @@
-"""First domains in a distributed run: each rank's cells, or blocks independent of ranks."""
+"""First domains of a distributed run: the cells of each rank, or blocks independent of ranks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.distributed.agglomeration.rules import Kept
 
 
 def first_domains(cells: Cells, kept: Kept, block: Int, ours: Iterable[int]) -> list[tuple[int, Domain]]:
-    """Return domains, or their pieces: own cells by ``block (n,)``, which includes ghosts.
+    """Return this rank's share of each domain, for domain numbers ``block (n,)`` on cells and ghosts.
 
     There is one domain per block with own cells, and one per number in ``ours``, possibly without cells.
     """

@@ -1,4 +1,4 @@
-"""Goals of a distributed run: levels possible with the given domains, and counts per domain."""
+"""Targets of a distributed run: levels possible with the given domains, and part counts per domain."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Larger: better shapes on coarse levels, with fewer ranks at work (benchmarks/sca
 
 
 class Census(NamedTuple):
-    """Figures for all domains in a stage, one entry per domain, equal on every rank."""
+    """Node counts, part counts and masses of all domains, one value per domain, equal on every rank."""
 
     nodes: Int
     alone: Int  # nodes without neighbours in any domain
@@ -32,21 +32,21 @@ class Census(NamedTuple):
 
     @property
     def domains(self) -> int:
-        """Number of nonempty domains."""
+        """Number of domains with at least one node."""
         return int(np.count_nonzero(self.nodes))
 
     @property
     def scattered(self) -> int:
-        """Number of extra components that are only due to domain borders."""
+        """Number of additional connected components that are only due to the borders of domains."""
         return int(np.maximum(self.open - 1, 0).sum())
 
     def expected(self, goal: Goal, place: int) -> float:
-        """Return the expected number of parts for goal number ``place``."""
+        """Return the number of parts to expect over all domains for a target with index ``place``."""
         return float(goal.parts) if isinstance(goal, CountGoal) else float(self.estimates[:, place].sum())
 
 
 def row_of(domain: Domain, goals: Sequence[Goal], bounds: Sequence[Member]) -> list[float]:
-    """Return the census row for one domain."""
+    """Return the counts and masses of one domain: its row in the table of all domains."""
     graph = domain.graph
     if domain.n == 0:
         return [0.0] * (5 + len(goals))
@@ -69,14 +69,14 @@ def row_of(domain: Domain, goals: Sequence[Goal], bounds: Sequence[Member]) -> l
 
 
 def census_of(rows: Sequence[Sequence[float]]) -> Census:
-    """Build the census from all domains' rows."""
+    """Build the census from the rows of all domains."""
     table = np.array(rows)
     nodes, alone, open_, fewest = (frozen_int(column) for column in table[:, :4].T)
     return Census(nodes, alone, open_, fewest, frozen_float(table[:, 4]), frozen_float(table[:, 5:]))
 
 
 def ready_goals(goals: Sequence[Goal], census: Census) -> list[list[Goal]]:
-    """Return the goals per domain, finest first, that the given domains can meet.
+    """Return the targets for each domain, finest first, that all given domains can meet.
 
     A single domain meets all goals. Counts are distributed by mass. Each domain gets at least the parts it
     needs, and at least as many as for a coarser goal.
@@ -99,14 +99,17 @@ def ready_goals(goals: Sequence[Goal], census: Census) -> list[list[Goal]]:
 
 
 def _raise_to_fewest(goal: Goal, fewest: int) -> Goal:
-    """Return a goal by mean size with at least the parts that a domain needs."""
+    """Raise the part count of an inexact target to the minimum that a domain needs.
+
+    Size targets and exact counts are returned unchanged.
+    """
     if isinstance(goal, SizeGoal) or goal.exact:
         return goal
     return replace(goal, parts=max(goal.parts, fewest))
 
 
 def _fits(goals: Sequence[Goal], number: int, census: Census) -> bool:
-    """Return True if each domain can meet the first ``number`` goals independently."""
+    """Return True if each domain can meet the finest ``number`` targets without being joined to others."""
     coarsest = goals[number - 1]
     expected = census.expected(coarsest, number - 1)
     if expected < max(LEAST_PARTS * census.domains, 2 * census.scattered):
@@ -121,7 +124,7 @@ def _fits(goals: Sequence[Goal], number: int, census: Census) -> bool:
 
 
 def _shares(parts: int, census: Census, least: Int) -> Int:
-    """Return the number of parts per domain: isolated nodes, and a share of the others."""
+    """Return the number of parts per domain: one per isolated node, and the rest in proportion to mass."""
     alone, n_linked = census.alone, census.nodes - census.alone
     domains = np.flatnonzero(n_linked)
     shares = np.array(alone)

@@ -67,7 +67,7 @@ class DistributedHierarchy:
         return [int(bounds[-1]) for bounds in self.bounds]
 
     def parents(self, level: int) -> Int:
-        """Return the parent on level + 1 of each agglomerate of ``level`` owned by this rank.
+        """Return the parent of each agglomerate on this rank: the agglomerate of level + 1 that contains it.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class DistributedHierarchy:
         return frozen_int(parents)
 
     def prolongation(self, level: int) -> sparse.csr_array[Any, Any]:
-        """Return the injection (ones) from ``level`` to the next finer level: own rows, all columns.
+        """Return the prolongation from ``level`` (entries 0 and 1): rows of this rank, columns of all ranks.
 
         Rows are this rank's agglomerates of the next finer level, or its own cells for level 0. Columns are
         global ids.
@@ -97,19 +97,19 @@ class DistributedHierarchy:
         return ones_by_row(columns, self.parts[level])
 
     def mesh_of(self, level: int) -> DistributedMesh:
-        """Return the agglomerated mesh. Its graph across ranks is ``mesh_of(level).local.graph``."""
+        """Return the coarse mesh of a level. Its dual graph is ``mesh_of(level).local.graph``."""
         self._check(level)
         return self.mesh.coarsen(self.levels[level], self.bounds[level])
 
     def components(self, level: int) -> Int:
-        """Return the number of connected components per own agglomerate, normally 1."""
+        """Return the number of connected components of each agglomerate on this rank, normally 1."""
         self._check(level)
         return components_of_parts(self.mesh, self.levels[level], self.bounds[level])
 
     def quality(
         self, level: int, metrics: Iterable[Metric] = RATIOS, registry: Registry | None = None
     ) -> dict[str, float]:
-        """Return metric means over all agglomerates on ``level``, equal on all ranks.
+        """Return the mean of each metric over all agglomerates of ``level``, equal on all ranks.
 
         Further entries are ``connected``, the share of connected parts, and ``max_diameter``.
 

@@ -35,21 +35,21 @@ Larger: better shapes, but more to send.
 
 @dataclass(frozen=True)
 class Level:
-    """Parts of a level: ids per own domain and node, numbering, and messages sent for the level."""
+    """One level of a distributed run: global part id of each node, numbering, and messages sent."""
 
     ids: Mapping[int, Int]
     numbering: Numbering
     sent: Traffic
 
     def with_ids(self, ids: Mapping[int, Int], sent: Traffic | None = None) -> Level:
-        """Return the level with ids at other nodes, and the messages ``sent`` for this transfer added."""
+        """Return the level with part ids on other nodes, and with the messages ``sent`` for them added."""
         return replace(self, ids=ids, sent=self.sent + (sent or Traffic()))
 
 
 def build_levels(
     stage: Stage, goals: Sequence[Goal], maker: DomainRun, turn: int = 0, told: Tell | None = None
 ) -> list[Level]:
-    """Build levels for all goals, finest first.
+    """Build a level for each target, finest first.
 
     Goals with enough parts for the given domains are built first, all at once. The others are built from the
     resulting agglomerates on half as many domains. Without any feasible goal, intermediate agglomerates are
@@ -87,7 +87,7 @@ def _build_feasible_levels(
     turn: int,
     tell: Tell | None,
 ) -> list[Level]:
-    """Build the levels feasible on the given domains, and the coarser levels on top."""
+    """Build the levels that are possible on the given domains, then the coarser levels on top of them."""
     with stage.ranks.together():
         labels = {
             number: maker.levels(domain, shares[number], number, turn)
@@ -113,7 +113,7 @@ def _build_by_middle_level(
     turn: int,
     tell: Tell | None,
 ) -> list[Level]:
-    """Build the levels from agglomerates on an intermediate level."""
+    """Agglomerate to an auxiliary level first, and build the levels from its agglomerates."""
     total = sum(int(nodes) for (nodes,) in stage.of_all(lambda domain: [domain.n]))
     with stage.ranks.together():
         labels = {
@@ -132,7 +132,7 @@ def _build_above(
     turn: int,
     tell: Tell | None,
 ) -> list[Level]:
-    """Build levels on the agglomerates ``labels``, with ids brought back to their nodes."""
+    """Build the coarser levels from the agglomerates ``labels``, and return their part ids on finer nodes."""
     coarse = stage.coarsened(labels, numbering)
     levels = build_levels(coarse, goals, maker, turn + 1, tell)
     return [
@@ -142,7 +142,10 @@ def _build_above(
 
 
 def _middle_goal(census: Census, goal: Goal) -> Goal | None:
-    """Return an intermediate goal before joining domains, or None for few nodes in total or per part."""
+    """Return the target of an auxiliary level that shrinks the domains before they are joined.
+
+    None if there are too few nodes, in total or per part, for an auxiliary level to pay off.
+    """
     total = int(census.nodes.sum())
     expected = max(census.expected(goal, 0), 1.0)
     nodes = min(_CELLS_PER_NODE, int(total / (_NODES_PER_PART * expected)))
@@ -154,7 +157,7 @@ def _middle_goal(census: Census, goal: Goal) -> Goal | None:
 
 
 def _share(domain: Domain, goal: Goal, total: int) -> Goal:
-    """Return the goal for one domain, with its share in a count."""
+    """Return the target for one domain: a size unchanged, a count in proportion to its nodes."""
     if domain.n == 0 or isinstance(goal, SizeGoal):
         return goal
     return CountGoal(max(1, round(goal.parts * domain.n / total)), exact=False)

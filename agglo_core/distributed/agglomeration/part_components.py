@@ -1,4 +1,4 @@
-"""Connected components across ranks, for parts and for the domain."""
+"""Connected components across ranks, of parts and of the mesh."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from agglo_core.graph import Graph
 
 
 def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
-    """Return the number of connected components for each part owned by this rank.
+    """Return the number of connected components of each part owned by this rank.
 
     Each rank finds the components in its own cells. The owner of a part joins components that touch.
 
@@ -36,7 +36,7 @@ def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
 
 
 def first_cells(mesh: DistributedMesh) -> Int:
-    """Return for each own cell ``(n_own,)`` the first cell in its domain component. Collective."""
+    """Return for each cell of this rank the first cell of its connected component of the mesh. Collective."""
     ranks, own_ids = mesh.ranks, mesh.global_ids[mesh.own]
     names, contacts = _find_contacts(mesh, mesh.local.graph, frozen_int(np.zeros(len(own_ids))))
     pieces, place, piece_of = np.unique(names, return_index=True, return_inverse=True)
@@ -50,7 +50,7 @@ def first_cells(mesh: DistributedMesh) -> Int:
 
 
 def component_sizes(mesh: DistributedMesh, forbidden: Mask) -> Int:
-    """Return the number of cells per domain component, in any order. Collective.
+    """Return the number of cells in each connected component of the mesh, in any order. Collective.
 
     Parameters
     ----------
@@ -78,9 +78,9 @@ def component_sizes(mesh: DistributedMesh, forbidden: Mask) -> Int:
 
 
 def _find_contacts(mesh: DistributedMesh, graph: Graph, labels: Int) -> tuple[Int, Int]:
-    """Return a piece per own cell ``(n_own,)``, and rows ``(e, 3)``: a part and two touching pieces.
+    """Return a fragment per cell ``(n_own,)``, and rows ``(e, 3)``: a part and two touching fragments.
 
-    A piece is a connected component of a part on a rank, in the local ``graph``. Each piece touches
+    A fragment is a connected component of a part on a rank, in the local ``graph``. Each fragment touches
     itself, too.
     """
     ranks = mesh.ranks
@@ -106,7 +106,7 @@ def _number_labels(labels: Int) -> Int:
 
 
 def _connect_pieces(edges: Int) -> tuple[Int, Int]:
-    """Return a component per piece, sorted by name, and end positions for ``edges (e, 2)``."""
+    """Return the component of each fragment, sorted by id, and the ends of ``edges (e, 2)`` as indices."""
     names, place = np.unique(edges, return_inverse=True)
     ends = place.reshape(-1, 2)
     joins = sparse.coo_array((np.ones(len(ends), bool), tuple(ends.T)), shape=(len(names), len(names)))

@@ -1,4 +1,4 @@
-"""Part metrics across ranks: local values, global means."""
+"""Means of part metrics over all ranks, from values computed on each rank."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from agglo_core.shapes.metrics import UniformityFactor
 def means(
     coarse: DistributedMesh, components: Int, metrics: Iterable[Metric], registry: Registry | None
 ) -> dict[str, float]:
-    """Return means over the parts in a distributed mesh, or NaN where no part has a value.
+    """Return the mean of each metric over the parts of all ranks, or NaN where no part has a value.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def _refuse_unknown(member: Member) -> None:
 
 
 def _values(coarse: DistributedMesh, member: Member, largest: float) -> Float:
-    """Return values for own parts, with relative metrics scaled to the largest diameter on all ranks."""
+    """Return a metric for the parts of this rank, if relative then to the largest part on all ranks."""
     local = coarse.local
     if not len(coarse.own):
         return np.empty(0)

@@ -1,4 +1,4 @@
-"""Constraints of a distributed run, evaluated on own cells and ghosts, and agreed between ranks.
+"""Constraints of a distributed run, evaluated on a rank's cells and ghosts, and agreed between ranks.
 
 Constraints that forbid edges are always supported. Of constraints on whole parts, only bounds and barriers
 are supported, because they extend to agglomerates. Others are refused.
@@ -33,7 +33,7 @@ _OF_PARTS = ("admissible", "incomplete")
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """Constraints in local numbers, with ghosts.
+    """Constraints of a run by local indices of cells and edges, ghosts included.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Kept:
 
 
 def evaluate_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry) -> Kept:
-    """Return the run's constraints, evaluated on own cells and ghosts.
+    """Evaluate the constraints of the run on a rank's cells and ghosts, and agree between ranks.
 
     A rule without effect on some ranks, such as a patch that lies elsewhere, still applies to the others.
 
@@ -100,7 +100,7 @@ def evaluate_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Regis
 
 
 def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:
-    """Yield the run's rules one by one, so that a misfit affects no other rule."""
+    """Yield the constraints of the run one by one, so that an inapplicable one affects no other."""
     for each in pipeline.constraints:
         yield Rules(constraints=(each,))
     for name in ("regions", "barriers", "where", "boundary_rules"):
@@ -112,7 +112,10 @@ def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:
 
 
 def _collect_members(ranks: Ranks, rule: Rules, mesh: Mesh, graph: Graph, registry: Registry) -> list[Member]:
-    """Return a rule's constraints on this rank, or raise an error if it fits on no rank."""
+    """Build the constraints of a rule on this rank.
+
+    An error is raised only if the rule applies on no rank.
+    """
     refusal: OptionError | None = None
     members: list[Member] = []
     with ranks.together():
@@ -127,7 +130,7 @@ def _collect_members(ranks: Ranks, rule: Rules, mesh: Mesh, graph: Graph, regist
 
 
 def with_ghosts(pipeline: Pipeline, exchange: Callable[[NDArray[Any]], NDArray[Any]], n_own: int) -> Pipeline:
-    """Return the pipeline with arrays extended from own cells to all local cells."""
+    """Return the run description with arrays on a rank's cells extended to its ghosts."""
     changed: dict[str, Any] = {}
     for name in RULES:
         value = getattr(pipeline, name)

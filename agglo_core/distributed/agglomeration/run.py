@@ -106,7 +106,7 @@ def agglomerate(
 
 
 def _of_all_ranks(ranks: Ranks, run: Run) -> Statistics:
-    """Return summed counts, the largest depth, and the largest seconds per phase over all ranks."""
+    """Combine the statistics of all ranks: summed counts, largest depth, and largest time per phase."""
     every = ranks.gathered(run.statistics)
     total = Statistics()
     for name in (entry.name for entry in fields(Statistics) if entry.name != "seconds"):

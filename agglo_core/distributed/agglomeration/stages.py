@@ -1,4 +1,4 @@
-"""Stages in a distributed run: domains on a level, coarsened or joined on the way up.
+"""Domains of all ranks at one point of a distributed run, coarsened or joined toward coarser levels.
 
 A domain's number determines its rank, and domains follow rank order. Hence the part ids on a level are
 consecutive on every rank.
@@ -19,7 +19,7 @@ from agglo_core.distributed.communication import Ranks
 
 @dataclass(frozen=True)
 class Numbering:
-    """Global part ids on a level, domain after domain.
+    """Global part ids on a level, consecutive by domain.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Numbering:
 
 @dataclass(frozen=True)
 class Stage:
-    """All domains at some stage.
+    """Domains of all ranks at one point of the run.
 
     Attributes
     ----------
@@ -56,18 +56,18 @@ class Stage:
     domains: Mapping[int, Domain]
 
     def rank_of(self, domain: Int) -> Int:
-        """Return the ranks for given domains."""
+        """Return the rank of each given domain."""
         return rank_of_block(domain, self.count, self.ranks.size)
 
     def of_all(self, asked: Callable[[Domain], Sequence[float]]) -> list[tuple[float, ...]]:
-        """Evaluate a function on each domain and return a row per domain, in order, on every rank."""
+        """Evaluate a function on each domain, and return the results of all domains on every rank."""
         with self.ranks.together():
             local_rows = {number: tuple(asked(domain)) for number, domain in self.domains.items()}
         rows = {number: row for table in self.ranks.gathered(local_rows) for number, row in table.items()}
         return [rows[number] for number in range(self.count)]
 
     def numbered(self, labels: Mapping[int, Int]) -> Numbering:
-        """Return global ids for the parts ``labels`` 0..k−1 in each own domain."""
+        """Number the parts of all domains globally, from the labels 0..k−1 in each domain of this rank."""
         own = {number: int(each.max(initial=-1)) + 1 for number, each in labels.items()}
         counts = {number: k for told in self.ranks.gathered(own) for number, k in told.items()}
         first = np.concatenate(([0], np.cumsum([counts[number] for number in range(self.count)])))
@@ -77,7 +77,7 @@ class Stage:
         )
 
     def coarsened(self, labels: Mapping[int, Int], numbering: Numbering) -> Stage:
-        """Return the coarse stage for agglomerates ``labels`` per own domain."""
+        """Return the domains with the agglomerates ``labels`` as nodes."""
         new = self._ids_beyond(labels, numbering)
         with self.ranks.together():
             domains = {
@@ -87,7 +87,7 @@ class Stage:
         return Stage(self.ranks, self.count, domains)
 
     def _ids_beyond(self, labels: Mapping[int, Int], numbering: Numbering) -> dict[int, Int]:
-        """Exchange and return the new ids at the far ends of links, per domain."""
+        """Exchange the new part ids, and return them for the remote nodes of each domain's links."""
         # Send the new ids of border nodes to each neighbour domain.
         parcels: dict[int, list[tuple[int, int, Int, Int]]] = {}
         for number, domain in self.domains.items():
@@ -110,14 +110,17 @@ class Stage:
         return ids_beyond
 
     def halved(self) -> tuple[Stage, Return]:
-        """Join pairs of neighbour domains: half as many domains, on half the ranks if each has one."""
+        """Join domains in pairs with consecutive numbers, which halves their number.
+
+        If each rank has one domain, half of the ranks remain in use.
+        """
         pieces = [(number // 2, domain) for number, domain in sorted(self.domains.items())]
         return move_pieces(self.ranks, pieces, (self.count + 1) // 2, lambda numbers: numbers // 2)
 
 
 @dataclass(frozen=True)
 class Return:
-    """Way back from joined domains to their pieces.
+    """Record of joined domains, for the transfer of node values back to the original domains.
 
     Attributes
     ----------
@@ -132,7 +135,7 @@ class Return:
     received: Mapping[int, Sequence[tuple[int, Int]]]
 
     def brought(self, values: Mapping[int, Int]) -> list[Int]:
-        """Return node values for each piece in the order sent, from ``values`` by own domain."""
+        """Return ``values`` on the joined domains to the nodes of the original domains, in the order sent."""
         parcels = {
             rank: [values[number][place] for number, place in pieces]
             for rank, pieces in self.received.items()
@@ -149,7 +152,7 @@ class Return:
 def move_pieces(
     ranks: Ranks, pieces: Sequence[tuple[int, Domain]], count: int, renumbered: Callable[[Int], Int]
 ) -> tuple[Stage, Return]:
-    """Send pieces to their domains' ranks, and join each domain's pieces there.
+    """Send domains to their new ranks, and join those with equal new number into one.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Start of a distributed run: agreement on rules and goals, assignment of cells to domains."""
+"""Start of a distributed run: agreement on constraints and targets, assignment of cells to domains."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from agglo_core.registry import Registry
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Cells, rules and goals for a run. Goals are equal on every rank."""
+    """Cells, constraints and targets of a run. Targets are equal on every rank."""
 
     mesh: DistributedMesh
     cells: Cells
@@ -36,7 +36,7 @@ class Start:
     goals: Sequence[Goal]
 
     def begun(self, independent_of_ranks: bool | None, block_cells: int | None) -> Beginning:
-        """Return domains by coordinates or by rank.
+        """Return the first domains: blocks of cells by coordinates, or the cells of each rank.
 
         With None, domains are blocks by coordinates if all cells already lie on their ranks.
         """
@@ -52,14 +52,14 @@ class Start:
         return self._in_blocks(frozen_int(mesh.exchange(block)), 1 << depth, there=in_place)
 
     def where_they_lie(self) -> Beginning:
-        """Return one domain per rank with its own cells."""
+        """Return one domain per rank: the cells owned by the rank."""
         ranks = self.cells.ranks
         with ranks.together():
             domains = first_domains(self.cells, self.kept, self.cells.owners, [ranks.rank])
         return Beginning(self.cells, Stage(ranks, ranks.size, dict(domains)), domains, None, in_blocks=False)
 
     def _in_blocks(self, block: Int, count: int, *, there: bool) -> Beginning:
-        """Use cell blocks ``(n,)`` as domains, sent to their ranks unless already there."""
+        """Return the cell blocks ``(n,)`` as domains, and send each to its rank unless ``there`` already."""
         ranks, numbers = self.cells.ranks, frozen_int(np.arange(count))
         ours = np.flatnonzero(rank_of_block(numbers, count, ranks.size) == ranks.rank)
         with ranks.together():
@@ -72,7 +72,7 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """First domains, with the way back to each rank's cells.
+    """First domains of a run, with the transfer of their values back to the cells of each rank.
 
     Attributes
     ----------
@@ -93,14 +93,14 @@ class Beginning:
     in_blocks: bool
 
     def of_own_cells(self, values: Mapping[int, Int]) -> Int:
-        """Return values for own cells in id order, from ``values`` by own domain."""
+        """Return values on the cells of this rank in id order, from ``values`` by domain."""
         way, ids = self.way, np.concatenate([piece.ids for _, piece in self.pieces])
         found = [values[number] for number, _ in self.pieces] if way is None else way.brought(values)
         return frozen_int(np.concatenate(found)[np.argsort(ids)])
 
 
 def prepare_run(mesh: DistributedMesh, given: Pipeline, registry: Registry) -> Start:
-    """Prepare a run with the ``given`` components and rules."""
+    """Evaluate the constraints and targets of a run, with the ``given`` components."""
     ranks, local = mesh.ranks, mesh.local
     pipeline = with_ghosts(given, mesh.exchange, len(mesh.own))
     with ranks.together():

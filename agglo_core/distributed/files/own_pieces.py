@@ -1,4 +1,4 @@
-"""VTK pieces, one per rank: agreement between ranks, cleanup of stale pieces."""
+"""Writer for VTK files with one file (piece) per rank, and removal of outdated ones."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def write_pieces(
     *,
     compress: bool,
 ) -> None:
-    """Write ``STEM.pvtu``, and each rank's own cells to ``STEM/`` with data ``(n_own,)``."""
+    """Write ``STEM.pvtu``, and the cells of each rank with data ``(n_own,)`` to ``STEM/``."""
     ranks = mesh.ranks
     share = Share(mesh.own, frozen_int(mesh.global_ids[mesh.own]), mesh.point_ids, _usual_tags(mesh))
     with ranks.together():
@@ -40,7 +40,7 @@ def write_pieces(
 
 
 def write_agreed(folder: Path, stem: str, piece: Piece, ranks: Ranks, *, compress: bool = False) -> None:
-    """Write ``STEM.pvtu`` and each rank's piece to ``STEM/``. Array names are equal on all ranks.
+    """Write ``STEM.pvtu``, and the VTK piece of each rank to ``STEM/``. Array names are equal on all ranks.
 
     Array types are made equal, too, because VTK reads types from a single piece.
     """
@@ -56,7 +56,7 @@ def write_agreed(folder: Path, stem: str, piece: Piece, ranks: Ranks, *, compres
 
 
 def _usual_tags(mesh: DistributedMesh) -> dict[str, int]:
-    """Return the face tag values to omit: the most common values on the first rank with cells."""
+    """Return for each face tag the value to omit: the most common on the first rank with cells."""
     with mesh.ranks.together():
         own = usual_values(mesh.local) if len(mesh.own) else None
     found = [usual for usual in mesh.ranks.gathered(own) if usual is not None]
@@ -64,7 +64,7 @@ def _usual_tags(mesh: DistributedMesh) -> dict[str, int]:
 
 
 def _with_loops(piece: Piece, mesh: DistributedMesh) -> Piece:
-    """Add the number of loops per cell if another rank has this array."""
+    """Add the array of boundary loops per cell if the piece of another rank has this array."""
     told = mesh.ranks.gathered(BRIDGES in piece.cell_data)
     if BRIDGES in piece.cell_data or not any(told):
         return piece
@@ -73,7 +73,7 @@ def _with_loops(piece: Piece, mesh: DistributedMesh) -> Piece:
 
 
 def remove_pieces(folder: Path, size: int) -> None:
-    """Remove stale pieces for ranks ≥ ``size``. May raise OSError."""
+    """Remove the VTK pieces of ranks ≥ ``size``, left by an earlier run. May raise OSError."""
     pattern = re.compile(re.escape(folder.name) + r"_(0|[1-9]\d*)\.vtu", re.ASCII)
     for file in sorted(folder.iterdir()) if folder.is_dir() else ():
         found = pattern.fullmatch(file.name)

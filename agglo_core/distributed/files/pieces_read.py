@@ -1,4 +1,4 @@
-"""Distributed mesh from the pieces read by each rank."""
+"""Distributed mesh from the VTK pieces that each rank has read."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from agglo_core.mesh.elements import gather
 
 
 class _Own(NamedTuple):
-    """Own cells as a separate mesh, with the global ids of points and cells if known."""
+    """Cells of this rank as a separate mesh, with the global ids of points and cells if known."""
 
     mesh: Mesh
     point_ids: Int | None
@@ -38,7 +38,7 @@ class _Own(NamedTuple):
 
 
 def mesh_of_pieces(stored: Stored, file: Path, ranks: Ranks, *, allow_gaps: bool) -> DistributedMesh:
-    """Join all ranks' pieces. ``stored`` holds this rank's pieces, possibly none.
+    """Build a distributed mesh from the VTK pieces ``stored`` that each rank has read, possibly none.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def _whole_own(mesh: DistributedMesh) -> WholeCells:
 
 
 def _without_gaps(mesh: DistributedMesh) -> DistributedMesh:
-    """Return the mesh with outer faces joined across ranks where they lie on each other."""
+    """Return the mesh with coincident outer faces joined across ranks."""
     ranks, whole = mesh.ranks, _whole_own(mesh)
     alone = join_across_ranks(whole, ranks, mesh.local.name)
     piece = None if alone is None else _Own(alone, None, whole.cells)
@@ -87,7 +87,7 @@ def _without_gaps(mesh: DistributedMesh) -> DistributedMesh:
 
 
 class _Facts(NamedTuple):
-    """Facts about a rank's cells, shared with all ranks."""
+    """Dimension, tags and available ids of a rank's cells, shared with all ranks."""
 
     dim: int
     point_ids: bool
@@ -126,7 +126,7 @@ def _own_cells(stored: Stored, name: str, *, allow_gaps: bool) -> _Own | None:
 
 
 def _of_used_points(soup: Soup, mesh: Mesh) -> Int:
-    """Return the global mesh point ids, in file order, without points that no cell uses."""
+    """Return the global ids of the points that cells use, in file order."""
     used = np.zeros(len(soup.points), bool)
     used[soup.vertices] = used[soup.solids.vertices] = True
     places = np.flatnonzero(used)
@@ -139,7 +139,7 @@ def _of_used_points(soup: Soup, mesh: Mesh) -> Int:
 
 
 def _common_tags(facts: list[_Facts]) -> dict[str, int]:
-    """Return a default value per face tag: the most common value on the first rank with the tag."""
+    """Return the default value of each face tag: the most common on the first rank with the tag."""
     common: dict[str, int] = {}
     for each in facts:
         common = {**each.usual, **common}
@@ -149,7 +149,7 @@ def _common_tags(facts: list[_Facts]) -> dict[str, int]:
 def _local_arguments(
     piece: _Own | None, facts: list[_Facts], tags: list[str], usual: Mapping[str, int]
 ) -> dict[str, Any]:
-    """Return this rank's arguments for :meth:`DistributedMesh.from_local`."""
+    """Return the arguments of :meth:`DistributedMesh.from_local` for the cells of this rank."""
     if piece is None:
         return {"points": np.empty((0, 0)), "cells": [], "point_ids": []}
     mesh = piece.mesh
@@ -167,7 +167,7 @@ def _local_arguments(
 
 
 def _list_unusual_faces(mesh: Mesh, name: str, usual: int) -> tuple[tuple[Int, Int], Int]:
-    """List the faces with an unusual tag value by points, with the differences to the usual value.
+    """List faces whose tag differs from the usual value: their points, and the differences.
 
     Where no lower-dimensional cell sets the tag, its value is -1, also on ranks without such cells.
     """
@@ -178,7 +178,7 @@ def _list_unusual_faces(mesh: Mesh, name: str, usual: int) -> tuple[tuple[Int, I
 
 
 def _with_usual(mesh: DistributedMesh, usual: Mapping[str, int]) -> DistributedMesh:
-    """Add the usual values to the face tags. Tags on hidden faces stay 0."""
+    """Add the usual values to the face tags. Tags on faces to cells outside the local mesh stay 0."""
     local = mesh.local
     if not any(usual.values()):
         return mesh

@@ -1,4 +1,4 @@
-"""Reader for distributed meshes: pieces on their ranks, other files on rank 0."""
+"""Reader for distributed meshes: VTK pieces on all ranks, other files on rank 0."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def read(
 
 
 def _share_pieces(file: Path, size: int) -> list[list[str]]:
-    """Return the pieces per rank."""
+    """Distribute the VTK pieces of a file to the ranks, balanced by file size."""
     sources = sources_of(file_bytes(file))
     if not sources:
         raise FileError("it contains no Piece")
@@ -86,7 +86,7 @@ def _share_pieces(file: Path, size: int) -> list[list[str]]:
 
 
 def _ranks_of(weights: Sequence[int], size: int) -> Int:
-    """Return a rank per weight, increasing, with balanced sums."""
+    """Assign a sequence of weights to ranks in increasing order, with balanced sums."""
     ends = np.cumsum(weights, dtype=np.float64)
     middles = ends - 0.5 * np.asarray(weights)
     return np.asarray(np.minimum(size * middles / max(ends[-1], 1.0), size - 1), np.int64)

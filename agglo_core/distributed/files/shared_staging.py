@@ -1,4 +1,4 @@
-"""Shared temporary folder, with files that appear whole or not at all."""
+"""Temporary folder shared by all ranks, whose files appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from agglo_core.io.file_checks import name_in_errors
 
 @contextmanager
 def shared_staging(path: Path, ranks: Ranks) -> Iterator[Path]:
-    """Provide one :func:`staging` folder for all ranks. Rank 0 moves its files at the end without error.
+    """Provide a temporary folder for all ranks, whose files rank 0 moves to ``path`` if no rank fails.
 
     In the body, ranks must write within :meth:`Ranks.together`, so that it fails on all ranks or none.
 
@@ -51,7 +51,7 @@ def shared_staging(path: Path, ranks: Ranks) -> Iterator[Path]:
 
 @contextmanager
 def _remove_if_interrupted(folder: Path) -> Iterator[None]:
-    """Remove the folder if this rank is interrupted, because rank 0 may still wait for this rank."""
+    """Remove the temporary folder if this rank is interrupted, because rank 0 may wait for this rank."""
     try:
         yield
     except RankError:  # rank 0 removes the folder

@@ -1,4 +1,4 @@
-"""Writer for distributed meshes and hierarchies: one piece per rank and a list of pieces."""
+"""Writer for distributed meshes and hierarchies: one VTK piece per rank and a list of the pieces."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def write(
 
 
 def check_parallel_target(target: Path) -> None:
-    """Raise OptionError or FileError unless a list of pieces can be written there."""
+    """Raise OptionError or FileError unless ``target`` is a ``.pvtu`` file that can be written."""
     if target.suffix.lower() != ".pvtu":
         raise OptionError(
             f"{target}: distributed meshes and solutions are written as .pvtu, given {target.suffix!r}"
@@ -115,7 +115,7 @@ def _no_level(name: str) -> bool:
 def _coarse(
     hierarchy: DistributedHierarchy, level: int, used_names: set[str]
 ) -> tuple[DistributedMesh, Mapping[str, Int], Mapping[str, NDArray[Any]]]:
-    """Return a level's mesh, its own cells' tags, and agglomerate data."""
+    """Return the coarse mesh of a level, with tags and data of the agglomerates on this rank."""
     coarse = hierarchy.mesh_of(level)
     counts = _cells_of_parts(hierarchy, level)
     parents = np.full(len(coarse.own), -1)
@@ -135,7 +135,7 @@ def _coarse(
 
 
 def _cells_of_parts(hierarchy: DistributedHierarchy, level: int) -> Int:
-    """Return the number of cells per local agglomerate, counted across ranks."""
+    """Return the number of cells in each agglomerate of this rank, counted on all ranks."""
     ranks, bounds = hierarchy.mesh.ranks, hierarchy.bounds[level]
     parts, cells = np.unique(hierarchy.levels[level], return_counts=True)
     owners = np.searchsorted(bounds, parts, side="right") - 1
@@ -147,7 +147,7 @@ def _cells_of_parts(hierarchy: DistributedHierarchy, level: int) -> Int:
 
 
 def _remove_stale(target: Path, size: int, levels: int | None) -> None:
-    """Remove pieces and levels left by an earlier run with more ranks or a deeper hierarchy."""
+    """Remove files of an earlier run that had more ranks or more levels."""
     stem = re.escape(target.stem)
     for file in sorted(target.parent.glob("*.pvtu")):
         match = re.fullmatch(stem + r"(?:_level(0|[1-9]\d*))?\.pvtu", file.name, re.ASCII)

@@ -1,4 +1,4 @@
-"""Cell values across ranks: own cells, ghosts, all cells."""
+"""Cell values across ranks: on the cells of this rank, on ghosts, on all cells."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from agglo_core.mesh import Mesh
 
 
 class CellValues:
-    """Base of :class:`~agglo_core.distributed.DistributedMesh` for values on own cells and ghosts."""
+    """Base of :class:`~agglo_core.distributed.DistributedMesh`: exchange of cell values between ranks."""
 
     ranks: Ranks
     local: Mesh
@@ -25,7 +25,7 @@ class CellValues:
 
     @cached_property
     def own(self) -> Int:
-        """Own cell positions in the local mesh ``(n_own,)``, increasing."""
+        """Local indices of the cells owned by this rank ``(n_own,)``, increasing."""
         return frozen_int(np.flatnonzero(self.owners == self.ranks.rank))
 
     @cached_property
@@ -35,7 +35,7 @@ class CellValues:
 
     @cached_property
     def ghosts_elsewhere(self) -> dict[int, Int]:
-        """Own cells that are ghosts on each other rank: positions among the own cells, increasing."""
+        """Cells of this rank that are ghosts on each other rank: indices among the own cells, increasing."""
         sides = np.append(self.owners, -1)[self.local.face_cells]
         here = self.ranks.rank
         face, side = np.nonzero((sides == here) & (sides[:, ::-1] != here) & (sides[:, ::-1] >= 0))
@@ -46,7 +46,7 @@ class CellValues:
         }
 
     def exchange(self, values: ArrayLike) -> NDArray[Any]:
-        """Return values for all local cells ``(n_local, …)``, with ghost values from their owners.
+        """Extend values on the cells of this rank to its ghosts, with ghost values from their owners.
 
         Parameters
         ----------
@@ -76,7 +76,7 @@ class CellValues:
         return frozen(everything, everything.dtype)
 
     def gather(self, values: ArrayLike) -> NDArray[Any]:
-        """Gather values for all cells ``(n_cells, …)`` by global id on every rank, for small meshes.
+        """Collect the values on all cells ``(n_cells, …)`` by global id on every rank, for small meshes.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class CellValues:
         return np.concatenate([own for _, own in parts])[order]
 
     def checked(self, values: ArrayLike) -> NDArray[Any]:
-        """Return own values as an array ``(n_own, …)``, with dtype and width equal on all ranks.
+        """Return values on the cells of this rank as an array, and check that all ranks' arrays match.
 
         Raises
         ------

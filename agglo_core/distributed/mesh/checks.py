@@ -13,7 +13,7 @@ from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, merge_
 
 
 def check_laws(own: WholeCells, known: Int, owners: Int, held: LocalMesh, n_cells: int, ranks: Ranks) -> None:
-    """Raise MeshError on all ranks, with rank and cell, unless ownership and ghosts are consistent.
+    """Raise MeshError on all ranks unless each cell has one owner and ghosts agree with their owners.
 
     Parameters
     ----------
@@ -50,7 +50,10 @@ def check_laws(own: WholeCells, known: Int, owners: Int, held: LocalMesh, n_cell
 
 
 def _border(cells: WholeCells, part: WholeCells, sender: int, rank: int) -> str | None:
-    """Return the fault at the faces between this rank and another, the sender of ``part``, or None."""
+    """Describe the first difference at faces between this rank and the sender of ``part``.
+
+    None if both ranks agree.
+    """
     none = frozen_int([])
     own_side = take_cells(cells, none, frozen_int(np.flatnonzero((cells.face_owners == sender).any(axis=1))))
     other_side = take_cells(part, none, frozen_int(np.flatnonzero((part.face_owners == rank).any(axis=1))))
@@ -82,7 +85,10 @@ def _same_cells(ids: Int, owners: Int, whole: WholeCells) -> str | None:
 
 
 def _same_mesh(local: LocalMesh, expected: LocalMesh, ids: Int) -> str | None:
-    """Return the first cell with faces, points or tags that differ from its owner's, or None."""
+    """Describe the first cell with faces, points or tags that differ from its owner's.
+
+    None if all are equal.
+    """
     mesh, truth = local.mesh, expected.mesh
     for name, values in truth.cell_tags.items():
         wrong = np.flatnonzero(mesh.cell_tags[name] != values)

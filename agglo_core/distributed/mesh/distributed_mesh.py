@@ -80,7 +80,7 @@ class DistributedMesh(CellValues):
         *,
         block_cells: int | None = None,
     ) -> DistributedMesh:
-        """Distribute a mesh from rank 0. Global ids are its numbers of cells, faces and points.
+        """Distribute a mesh from rank 0. Global ids are the indices of its cells, faces and points.
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class DistributedMesh(CellValues):
         allow_gaps: bool = False,
         name: str = "",
     ) -> DistributedMesh:
-        """Build a mesh from the cells that each rank holds, with neighbours found by their points.
+        """Build a mesh from the cells that each rank has, and find neighbours by the points of their faces.
 
         Parameters
         ----------
@@ -221,7 +221,7 @@ class DistributedMesh(CellValues):
         return f"DistributedMesh({self.n_cells} cells; rank {rank.rank} of {rank.size}: {told})"
 
     def check(self) -> None:
-        """Check that each cell has one owner, and that each rank holds all ghosts as on their owners.
+        """Check that each cell has one owner, and that ghosts are complete and equal to the owners' cells.
 
         Raises
         ------
@@ -274,7 +274,7 @@ class DistributedMesh(CellValues):
         return coarse
 
     def redistributed(self, rank_of_own_cell: ArrayLike) -> DistributedMesh:
-        """Return the mesh with each own cell moved to a given rank ``(n_own,)``. All numbers are kept.
+        """Return the mesh with each cell moved to a given rank ``(n_own,)``. Global ids are unchanged.
 
         Raises
         ------

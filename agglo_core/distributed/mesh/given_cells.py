@@ -1,4 +1,4 @@
-"""Cells given by each rank, checked across ranks and built as a mesh in global order."""
+"""Cells given by the user on each rank, checked across ranks and built as a mesh in global order."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class GivenCells(NamedTuple):
 
 
 class _Lists(NamedTuple):
-    """Given cells as lists: vertices of polygons, or loops of polyhedra with their vertices."""
+    """Given cells as CSR lists: vertices of polygons, or faces of polyhedra with their vertices."""
 
     points: Float
     point_ids: Int
@@ -63,7 +63,7 @@ class _Lists(NamedTuple):
         return self._replace(offsets=(offsets,), vertices=self.vertices[places])
 
     def mesh(self, tags: Mapping[str, Int], name: str, *, weak: bool) -> Mesh:
-        """Build the cells as a mesh without regard to other ranks."""
+        """Build the cells as a mesh, regardless of other ranks."""
         if not self.n_cells:
             nothing = frozen_int([0]), frozen_int([]), np.empty((0, 2), np.int64)
             return trusted(Mesh, self.points, *nothing, tags)
@@ -85,9 +85,10 @@ def check_given_cells(
     weak: bool,
     name: str,
 ) -> GivenCells:
-    """Check and build the local cells, with arguments and errors of :meth:`DistributedMesh.from_local`.
+    """Check the given cells across ranks, and build the mesh of this rank.
 
-    Without ``point_ids`` on all ranks, points with exactly equal coordinates are identified.
+    Arguments and errors are those of :meth:`DistributedMesh.from_local`. Without ``point_ids`` on all
+    ranks, points with exactly equal coordinates are identified.
     """
     # Dimension and tag names must agree on all ranks with cells.
     with ranks.together():
@@ -154,7 +155,7 @@ def _require_agreement(values: list[Any], template: str, ranks: Ranks) -> Any:
 
 
 def _ids(cell_ids: ArrayLike | None, counts: list[int], rank: int) -> Int:
-    """Return the global ids of the cells, by default numbered rank after rank."""
+    """Return the global ids of the cells of this rank, by default numbered rank after rank."""
     if cell_ids is None:
         return frozen_int(np.arange(counts[rank]) + sum(counts[:rank]))
     ids = whole_numbers(cell_ids, "cell_ids")
@@ -164,7 +165,10 @@ def _ids(cell_ids: ArrayLike | None, counts: list[int], rank: int) -> Int:
 
 
 def _distinct(lists: _Lists) -> tuple[_Lists, Int, Int]:
-    """List each used point once. Return the cells, global point ids, and new numbers of given points."""
+    """Merge points with equal global id, and drop unused points.
+
+    Return the cells, the global point ids, and the new index of each given point.
+    """
     is_used = np.zeros(len(lists.points), bool)
     is_used[lists.vertices] = True
     rows = np.flatnonzero(is_used)

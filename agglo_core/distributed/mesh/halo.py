@@ -14,14 +14,14 @@ from agglo_core.mesh.elements import gather
 
 
 class LocalMesh(NamedTuple):
-    """Mesh of own cells and ghosts. ``hidden (n_faces,)`` marks faces to cells outside the mesh."""
+    """Mesh of a rank's cells and ghosts. ``hidden (n_faces,)`` marks faces to cells outside the mesh."""
 
     mesh: Mesh
     hidden: Mask
 
 
 def ghosts(own: WholeCells, ranks: Ranks) -> list[WholeCells]:
-    """Exchange the ghosts and return them by owner.
+    """Send this rank's border cells to neighbour ranks, and return the received ghosts by owner.
 
     No request is needed, because the ranks on both sides of a face are known on both.
     """
@@ -38,7 +38,7 @@ def ghosts(own: WholeCells, ranks: Ranks) -> list[WholeCells]:
 
 
 def _restrict_to_cells(whole: WholeCells, cells: Int) -> WholeCells:
-    """Return the part with only the cells at the given positions."""
+    """Return only the cells with the given indices, with their faces and points."""
     chosen = np.zeros(len(whole.cells) + 1, bool)
     chosen[cells] = True
     faces = chosen[places(whole.face_cells, whole.cells)].any(axis=1)
@@ -46,7 +46,7 @@ def _restrict_to_cells(whole: WholeCells, cells: Int) -> WholeCells:
 
 
 def faces_of(whole: WholeCells) -> tuple[Int, Int]:
-    """Return the faces cell by cell, and the start of each cell's faces ``(n + 1,)``."""
+    """Return the faces of each cell as a CSR list: faces cell by cell, and offsets ``(n + 1,)``."""
     sides = places(whole.face_cells, whole.cells).ravel()
     order = np.argsort(sides, kind="stable")
     ends = np.searchsorted(sides[order], np.arange(len(whole.cells) + 1))
@@ -56,7 +56,7 @@ def faces_of(whole: WholeCells) -> tuple[Int, Int]:
 def own_cells(
     mesh: Mesh, global_ids: Int, owners: Int, point_ids: Int, face_ids: Int, rank: int
 ) -> WholeCells:
-    """Return the own cells of a local mesh, without ghosts."""
+    """Return the cells of a local mesh that the rank owns, without ghosts."""
     everything = all_cells(mesh, global_ids, owners, point_ids, face_ids)
     cells = np.flatnonzero(owners == rank)
     faces = np.flatnonzero((everything.face_owners == rank).any(axis=1))
@@ -64,7 +64,7 @@ def own_cells(
 
 
 def all_cells(mesh: Mesh, global_ids: Int, owners: Int, point_ids: Int, face_ids: Int) -> WholeCells:
-    """Return all cells in a local mesh, including ghosts, with -1 beyond hidden faces."""
+    """Return all cells of a local mesh, including ghosts, with neighbour -1 at faces to cells outside."""
     sides = mesh.face_cells
     rank_of = np.append(owners, -1)
     number = np.append(global_ids, -1)
@@ -107,7 +107,7 @@ def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:
 
 
 def part_of_whole(mesh: Mesh, origin: Float, hidden: Mask) -> Mesh:
-    """Set the cached mesh properties that depend on the whole mesh, and return the mesh.
+    """Set the properties of a local mesh that depend on the global mesh: its origin and boundary.
 
     With the whole mesh's centre as origin, geometry is equal on any number of ranks. Hidden faces do not
     belong to the boundary.
@@ -127,7 +127,7 @@ def _turn_faces(offsets: Int, vertices: Int, turned: Mask) -> Int:
 
 
 def common_origin(own: WholeCells, ranks: Ranks) -> Float:
-    """Return the centre ``(d,)`` of the bounding box over all ranks' own cells."""
+    """Return the centre ``(d,)`` of the bounding box of all cells on all ranks."""
     x = own.coordinates
     box = [(column.min(initial=np.inf), column.max(initial=-np.inf)) for column in x.T]
     boxes = np.array(ranks.gathered(np.array(box)))  # (size, d, 2)

@@ -1,4 +1,4 @@
-"""Conforming meshes across ranks: outer faces that lie on each other are joined.
+"""Conforming meshes across ranks: coincident outer faces are joined.
 
 Each rank treats the faces of its own cells, using the cells of other ranks that touch them. Both sides of
 a face arrive at equal results, because a hanging vertex is a point that either side has.
@@ -20,7 +20,7 @@ from agglo_core.mesh.construction.touching import facing_pairs, find_contacts, o
 
 
 def join_across_ranks(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
-    """Return own cells with all hanging points on their faces, as a mesh that ends at other ranks.
+    """Insert hanging vertices from all ranks into the faces of this rank's cells, and return their mesh.
 
     Parameters
     ----------
@@ -59,14 +59,14 @@ def join_across_ranks(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
 
 
 def _close_faces(mesh: Mesh, faces: Mask) -> Mesh:
-    """Put a dummy cell behind the given outer faces, so that they become inner faces."""
+    """Make the given outer faces inner faces, by a dummy cell behind them."""
     sides = mesh.face_cells.copy()
     sides[faces, 1] = mesh.n_cells
     return trusted_copy(mesh, face_cells=frozen_int(sides))
 
 
 def _foreign_faces(mesh: Mesh, is_hidden: Mask, is_own: Mask) -> Mask:
-    """Return foreign outer faces in 3-D that neither tile nor equal an own face.
+    """Mark outer faces in 3-D on other ranks that neither equal nor tile a face of this rank.
 
     Only the owner can split a large face, because some faces on top may be missing here. In 2-D each edge is
     cut at the points on the edge, regardless of other ranks.
@@ -86,7 +86,7 @@ def _foreign_faces(mesh: Mesh, is_hidden: Mask, is_own: Mask) -> Mask:
 
 
 def _cells_of(mesh: Mesh, own_cells: WholeCells, whole: WholeCells, is_own: Mask) -> Mesh:
-    """Extract the own cells with their tags from a mesh with foreign cells."""
+    """Extract the cells of this rank, with their tags, from a mesh that contains cells of other ranks."""
     number = np.append(np.where(is_own, np.cumsum(is_own) - 1, -1), (-1, -1))  # dummy cell, and -1
     sides = frozen_int(number[mesh.face_cells])
     alone = WholeCells(

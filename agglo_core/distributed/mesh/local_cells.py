@@ -1,4 +1,4 @@
-"""Join all ranks' given cells to one mesh."""
+"""Distributed mesh from the cells given on each rank."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FaceTags = Mapping[str, tuple[Any, ArrayLike]]
 
 
 def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) -> WholeCells:
-    """Return the local cells, with faces numbered and oriented as on a single process.
+    """Match the faces of the given cells across ranks, and number them as on a single process.
 
     A face belongs to its cell with the smaller global id. Faces follow their owner cells' order, and
     within a cell the cell's order.
@@ -73,7 +73,7 @@ def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) ->
 def _collect_tags(
     face_tags: FaceTags, names: list[str], cells: GivenCells, vertices: Int
 ) -> NDArray[np.int64]:
-    """Return face tags ``(n_faces, len(names))`` from faces listed by points, 0 elsewhere."""
+    """Return face tags ``(n_faces, len(names))`` for faces given by their points, 0 elsewhere."""
     tags = np.zeros((cells.mesh.n_faces, len(names)), np.int64)
     if not face_tags:
         return tags
@@ -91,7 +91,7 @@ def _collect_tags(
 
 
 def _find_listed_faces(title: str, faces: Any, cells: GivenCells, keys: FaceKeys) -> Int:
-    """Return the numbers for faces listed by points, or raise MeshError for an unknown face."""
+    """Return the indices of faces given by their points, or raise MeshError for an unknown face."""
     offsets, points = loops_as_csr(faces)
     check_offsets(offsets, len(points), "face")
     is_known = (points >= 0) & (points < len(cells.numbers))
@@ -107,7 +107,7 @@ def _find_listed_faces(title: str, faces: Any, cells: GivenCells, keys: FaceKeys
 
 
 def _look_up_faces(sought: FaceKeys, keys: FaceKeys) -> Int:
-    """Look up each sought face among the keys, with -1 if missing."""
+    """Return the index of each sought face among the keys, or -1 if missing."""
     if not len(sought.low):
         return frozen_int([])
     every = np.concatenate((keys.low, sought.low)), np.concatenate((keys.mixed, sought.mixed))
@@ -121,7 +121,7 @@ def _look_up_faces(sought: FaceKeys, keys: FaceKeys) -> Int:
 
 
 def _number_faces(owner: Int, is_owned: NDArray[np.bool_], ranks: Ranks) -> Int:
-    """Number the faces that belong to own cells in cell order, with -1 for other faces."""
+    """Number the faces that cells of this rank own, in cell order. Other faces get -1."""
     owner_cells = owner[is_owned]
     rank = np.arange(len(owner_cells)) - np.searchsorted(owner_cells, owner_cells)
     most = int(ranks.largest(float(rank.max(initial=0)))) + 1
@@ -139,7 +139,7 @@ def _from_owners(
     beyond: Beyond,
     ranks: Ranks,
 ) -> tuple[Int, Int]:
-    """Return numbers and points for all faces, received from other ranks for faces owned there."""
+    """Exchange the numbers and points of border faces, so that each rank uses those of the face's owner."""
     parcels = {}
     for rank in distinct(beyond.ranks).tolist():
         rows = np.flatnonzero((beyond.ranks == rank) & is_owned[border])
@@ -153,7 +153,7 @@ def _from_owners(
 
 
 def _sides(cells: Int, border: Int, beyond: Beyond, rank: int) -> tuple[Int, Int]:
-    """Return both cells per face and their ranks, owner first."""
+    """Return the two cells of each face and their ranks, the owner first."""
     sides, owners = cells.copy(), np.where(cells >= 0, rank, -1)
     sides[border, 1], owners[border, 1] = beyond.cells, beyond.ranks
     turned = border[beyond.cells < cells[border, 0]]

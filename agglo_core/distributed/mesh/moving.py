@@ -1,4 +1,4 @@
-"""Redistribution of cells, unchanged or joined to agglomerates."""
+"""Redistribution of cells to other ranks, unchanged or merged to agglomerates."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _check_integers(name: str, values: NDArray[Any]) -> None:
 
 
 def move_cells(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) -> WholeCells:
-    """Return the local cells after moving, where cells with equal new number become one cell.
+    """Send cells to their new ranks, and merge cells with equal new number into one cell.
 
     Faces inside a joined cell vanish. A cell tag survives if constant for each number.
 
@@ -103,6 +103,6 @@ def move_cells(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) 
 
 
 def _constant_tags(cells: Int, tags: Mapping[str, Int]) -> set[str]:
-    """Return tag names with equal values wherever a cell is listed repeatedly."""
+    """Return the names of tags that are constant on each group of cells with equal number."""
     _, first, cell = np.unique(cells, return_index=True, return_inverse=True)
     return {name for name, values in tags.items() if (values[first][cell] == values).all()}

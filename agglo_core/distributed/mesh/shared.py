@@ -13,7 +13,7 @@ from agglo_core.distributed.meeting import Meeting, groups, rank_of_key, refuse_
 
 
 def check_ids(ids: Int, n: int, ranks: Ranks) -> None:
-    """Raise MeshError on all ranks unless all ranks' ``ids`` form a permutation of 0..n−1.
+    """Raise MeshError on all ranks unless the ``ids`` of all ranks form a permutation of 0..n−1.
 
     The number of ids must add up to n over the ranks.
     """
@@ -32,7 +32,7 @@ def check_ids(ids: Int, n: int, ranks: Ranks) -> None:
 
 
 def mark_shared_points(ids: Int, points: Float, ranks: Ranks) -> Mask:
-    """Mark the local points ``(n, d)`` (each listed once) that other ranks have, too.
+    """Mark the points ``(n, d)`` of this rank (all distinct) that also belong to other ranks.
 
     Raises
     ------
@@ -78,14 +78,14 @@ def number_by_place(points: Float, ranks: Ranks) -> Int:
 
 
 class FaceKeys(NamedTuple):
-    """Keys for faces ``(n,)``, equal for faces with equal points in any order."""
+    """Hash keys of faces ``(n,)``, equal for faces with equal points in any order."""
 
     low: Int  # the smallest point
     mixed: UInt64  # sum of the hashes of all points
 
 
 class Beyond(NamedTuple):
-    """Opposite side per face ``(n,)`` if on another rank, else -1."""
+    """Cell, rank and face number on the other side of each face ``(n,)`` between ranks, -1 for others."""
 
     cells: Int
     ranks: Int
@@ -94,7 +94,7 @@ class Beyond(NamedTuple):
 
 
 def face_keys(vertices: Int, offsets: Int) -> FaceKeys:
-    """Return keys for faces with global points ``vertices[offsets[f]:offsets[f + 1]]``."""
+    """Return hash keys of faces with global points ``vertices[offsets[f]:offsets[f + 1]]``."""
     if len(offsets) < 2:
         return FaceKeys(frozen_int([]), np.empty(0, np.uint64))
     mixed = np.add.reduceat(splitmix(vertices.view(np.uint64)), offsets[:-1])
@@ -104,7 +104,9 @@ def face_keys(vertices: Int, offsets: Int) -> FaceKeys:
 def cells_beyond(
     vertices: Int, offsets: Int, cells: Int, tags: NDArray[np.int64], numbers: Int, ranks: Ranks
 ) -> Beyond:
-    """Return foreign cells at faces ``(n,)``, which must include all faces between ranks.
+    """Find the cell on the other side of each face ``(n,)``, if it belongs to another rank.
+
+    The faces must include all faces between ranks.
 
     Parameters
     ----------
@@ -154,7 +156,10 @@ def cells_beyond(
 
 
 def _turns(vertices: Int, offsets: Int, low: Int) -> Int:
-    """Return the successor of each loop's smallest point (an edge's tail), different on both sides."""
+    """Return the point after the smallest one in each face loop, which identifies the loop's orientation.
+
+    For an edge, return its first point.
+    """
     sizes = np.diff(offsets)
     at = np.flatnonzero(vertices == np.repeat(low, sizes))  # no loop meets a point twice
     following = np.where(at + 1 < offsets[1:], at + 1, offsets[:-1])
@@ -162,7 +167,7 @@ def _turns(vertices: Int, offsets: Int, low: Int) -> Int:
 
 
 def _third_cell(sides: Int, bounds: Int, senders: Int) -> str | None:
-    """Describe the first face with more than two cells, or return None."""
+    """Describe the first face with more than two cells, or return None if there is no such face."""
     count = np.diff(np.append(0, np.cumsum((sides >= 0).sum(axis=1)))[bounds])
     crowded = np.flatnonzero(count > 2)
     if not len(crowded):

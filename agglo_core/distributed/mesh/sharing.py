@@ -1,4 +1,4 @@
-"""Mesh distribution from rank 0 to all ranks."""
+"""Distribution of a mesh from rank 0 to all ranks."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _along_curve(centroids: Float, size: int) -> Int:
 
 
 def _by_coordinates(centroids: Float, size: int, block_cells: int | None) -> Int:
-    """Assign cells to ranks by whole coordinate blocks, or by boxes if blocks are too uneven."""
+    """Assign cells to ranks by whole coordinate blocks, or bisect boxes if blocks balance too badly."""
     depth = halvings(len(centroids), centroids.shape[1], block_cells)
     rank = rank_of_block(coordinate_blocks(centroids, depth), 1 << depth, size)
     largest = int(np.bincount(rank).max(initial=0))
@@ -41,7 +41,7 @@ def _by_coordinates(centroids: Float, size: int, block_cells: int | None) -> Int
 
 
 def _in_boxes(centroids: Float, size: int) -> Int:
-    """Assign cells to ranks by recursive halving across the longest side of the box."""
+    """Assign cells to ranks by recursive coordinate bisection across the longest side of the box."""
     rank = np.zeros(len(centroids), np.int64)
     stack = [(np.arange(len(rank)), 0, size)]
     while stack:
@@ -59,7 +59,7 @@ def _in_boxes(centroids: Float, size: int) -> Int:
 
 
 def scatter_cells(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int | None) -> WholeCells:
-    """Return the local cells, sent by rank 0.
+    """Send each rank its cells from rank 0, and return the cells of this rank.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def scatter_cells(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int
 
 
 def _shares(mesh: Mesh, rank: Int, size: int) -> dict[int, WholeCells]:
-    """Return the cells for each rank. Ranks without cells still receive the tag names."""
+    """Return the cells for each rank. A rank without cells still receives the tag names."""
     owners = frozen_int(np.append(rank, -1)[mesh.face_cells])
     whole = WholeCells(
         frozen_int(np.arange(mesh.n_cells)),

@@ -1,4 +1,4 @@
-"""Outer faces that lie on each other without being shared: hanging vertices within or across ranks."""
+"""Detection of outer faces that coincide but are not shared: hanging vertices, also across ranks."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _log = logging.getLogger("agglo")
 
 
 class _Rim(NamedTuple):
-    """Outer faces and their cells (positions in WholeCells), with bounding boxes."""
+    """Outer faces and the indices of their cells in WholeCells, with bounding boxes."""
 
     faces: Int
     cells: Int
@@ -30,7 +30,7 @@ class _Rim(NamedTuple):
 
 
 def refuse_hanging_vertices(own: WholeCells, ranks: Ranks) -> None:
-    """Refuse outer faces on any ranks that lie on each other and share points.
+    """Raise MeshError if outer faces, also of different ranks, overlap and share points.
 
     Bodies in contact without shared points are assumed to be separate on purpose, and reported by a warning.
 
@@ -68,7 +68,7 @@ def refuse_hanging_vertices(own: WholeCells, ranks: Ranks) -> None:
 
 
 def outer_faces_touch(own: WholeCells, ranks: Ranks) -> bool:
-    """Return True if outer faces on any ranks lie on each other, with or without shared points."""
+    """Return True if outer faces overlap, also on different ranks, with or without shared points."""
     near = cells_near(own, ranks)
     with ranks.together():
         found = len(_contacts(near)[0]) > 0
@@ -80,7 +80,7 @@ def _describe_cell(near: WholeCells, cell: int) -> str:
 
 
 def cells_near(own: WholeCells, ranks: Ranks) -> WholeCells:
-    """Return own cells with outer faces, and foreign cells that may touch them."""
+    """Return this rank's cells with outer faces, and cells of other ranks that may touch them."""
     with ranks.together():
         rim = _rim(own)
         box = (rim.low.min(axis=0), rim.high.max(axis=0)) if len(rim.faces) else None
@@ -110,7 +110,7 @@ def _rim(whole: WholeCells) -> _Rim:
 def _parcels(
     whole: WholeCells, rim: _Rim, boxes: Sequence[tuple[Float, Float] | None], rank: int
 ) -> dict[int, WholeCells]:
-    """Return the rim cells to keep here, and to send to ranks whose outer box they meet."""
+    """Return the cells with outer faces to send to each rank whose bounding box they meet."""
     to, rim_cells = [], []
     for receiver, box in enumerate(boxes):
         if box is None or not len(rim.faces):
@@ -129,7 +129,7 @@ def _parcels(
 
 
 def _contacts(near: WholeCells) -> tuple[Int, Mask]:
-    """Return cell pairs with outer faces that lie on each other, and mark pairs with shared points."""
+    """Return cell pairs with overlapping outer faces, and mark the pairs with shared points."""
     if not len(near.cells):
         return frozen_int(np.empty((0, 2))), np.empty(0, bool)
     mesh, is_hidden = local_mesh(

@@ -1,4 +1,4 @@
-"""Cells with all faces and points in global numbers, as exchanged between ranks."""
+"""Cells with their faces and points by global ids, as exchanged between ranks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from agglo_core.mesh.elements import gather
 
 
 class WholeCells(NamedTuple):
-    """Some mesh cells with all their faces and points, each by increasing global number.
+    """Subset of the mesh cells with all their faces and points, each sorted by global id.
 
     A face on two ranks has equal number, sides and loop on both.
     """
@@ -33,7 +33,7 @@ class WholeCells(NamedTuple):
 
 
 def places(sought: Int, among: Int) -> Int:
-    """Look up sought numbers in the increasing ``among (n,)``, with -1 if missing."""
+    """Return the index of each sought number in the increasing array ``among (n,)``, or -1 if missing."""
     if not len(among):
         return frozen_int(np.full(np.shape(sought), -1))
     found = np.minimum(np.searchsorted(among, sought), len(among) - 1)
@@ -41,7 +41,7 @@ def places(sought: Int, among: Int) -> Int:
 
 
 def distinct(values: NDArray[np.int64]) -> Int:
-    """Return the distinct values, increasing.
+    """Return the distinct values in increasing order.
 
     Sorting is used because ``numpy.unique`` by hashing can take a hundred times as long.
     """
@@ -52,7 +52,7 @@ def distinct(values: NDArray[np.int64]) -> Int:
 
 
 def take_cells(whole: WholeCells, cells: Int, faces: Int) -> WholeCells:
-    """Select cells and faces at the given positions (increasing), with their points."""
+    """Select cells and faces by their indices (increasing), with their points."""
     offsets, entries = gather(whole.face_offsets, faces)
     vertices = whole.face_vertices[entries]
     is_used = np.zeros(len(whole.points), bool)
@@ -76,7 +76,7 @@ def take_cells(whole: WholeCells, cells: Int, faces: Int) -> WholeCells:
 
 
 def merge_cells(parts: Sequence[WholeCells]) -> WholeCells:
-    """Merge cells, faces and points from all parts, where the first occurrence wins."""
+    """Merge the cells, faces and points of all parts, and keep the first of those with equal id."""
     if len(parts) == 1:
         return parts[0]
     # Merge the global numbers, keeping first occurrences.
@@ -107,7 +107,7 @@ def merge_cells(parts: Sequence[WholeCells]) -> WholeCells:
 
 
 def _merge_numbers(numbers: Sequence[Int]) -> tuple[Int, Int]:
-    """Return the distinct numbers, increasing, with first positions in all lists combined."""
+    """Return the distinct numbers of all arrays, increasing, and the index of their first occurrence."""
     different, first = np.unique(np.concatenate(numbers), return_index=True)
     return frozen_int(different), frozen_int(first)
 
@@ -138,7 +138,7 @@ def parcels(
 
 
 def _by_rank(ranks: Int, where: Int, n: int) -> dict[int, Int]:
-    """Return the distinct positions below n for each rank, increasing."""
+    """Group indices below n by destination rank, each listed once and increasing."""
     to, rows = np.divmod(distinct(ranks * n + where), max(n, 1))
     bounds = np.append(np.flatnonzero(np.diff(to, prepend=-1)), len(to)).tolist()
     return {int(to[i]): frozen_int(rows[i:j]) for i, j in pairwise(bounds)}

@@ -1,1 +1,1 @@
-"""Solutions across ranks: piece files, error norms."""
+"""Solutions of PDEs across ranks: VTK files, error norms."""

@@ -17,7 +17,7 @@ from agglo_core.problems import Discretisation, Problem
 def error_norms(
     mesh: DistributedMesh, problem: Problem, how: Discretisation, x: ArrayLike
 ) -> dict[str, float]:
-    """Compute error norms on the whole mesh, equal on every rank. Collective.
+    """Compute norms of the discretisation error over all ranks, equal on every rank. Collective.
 
     Each rank contributes the squares on its own cells and half their faces.
 

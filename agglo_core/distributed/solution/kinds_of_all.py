@@ -1,4 +1,4 @@
-"""Tag combinations in a distributed mesh."""
+"""Combinations of tag values that occur in a distributed mesh."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ Larger: more values to exchange.
 
 
 def kinds_of_all(mesh: DistributedMesh) -> tuple[Mapping[str, Int], BoundaryKinds]:
-    """Return ``cell_kinds`` and ``boundary_kinds`` for the whole mesh on every rank. Collective."""
+    """Return the tag combinations of all cells and boundary faces, equal on every rank. Collective.
+
+    They are ``cell_kinds`` and ``boundary_kinds`` of the global mesh.
+    """
     # Number the components of the domain by their first cell.
     ranks, local = mesh.ranks, mesh.local
     component = np.full(local.n_cells, -1)
@@ -40,7 +43,7 @@ def kinds_of_all(mesh: DistributedMesh) -> tuple[Mapping[str, Int], BoundaryKind
 
 
 def _of_all(ranks: Ranks, columns: Sequence[Int]) -> list[Int]:
-    """Return the distinct rows in all ranks' tables."""
+    """Return the distinct rows of the tables of all ranks."""
     with ranks.together():
         own = distinct(columns)
     every = ranks.gathered(own)

@@ -1,4 +1,4 @@
-"""Writer for distributed solutions: one piece per rank and a list of pieces."""
+"""Writer for distributed solutions: one VTK piece per rank and a list of the pieces."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _log = logging.getLogger("agglo")
 def write_solution(
     path: str | PathLike[str], mesh: DistributedMesh, how: Discretisation, x: ArrayLike, *, name: str = "u"
 ) -> None:
-    """Write a solution as ``.pvtu``, sampled in every cell as by a single process. Collective.
+    """Write a solution as ``.pvtu``, sampled in each cell at the same points as serially. Collective.
 
     Each rank writes its own cells to ``NAME/NAME_<rank>.vtu``, rank 0 the list ``NAME.pvtu`` for ParaView.
     No two cells share points. Cell data are the cell tags and ``cell``, the global id. Files appear whole or
@@ -83,7 +83,7 @@ def write_solution(
 
 
 def by_cell(mesh: DistributedMesh, x: ArrayLike) -> Float:
-    """Return the unknowns by own cell ``(n_own, width)``, or raise OptionError. Collective."""
+    """Return the unknowns as one row per cell of this rank, or raise OptionError. Collective."""
     ranks, cells = mesh.ranks, len(mesh.own)
     with ranks.together():
         unknowns = np.asarray(x, float)
@@ -95,7 +95,7 @@ def by_cell(mesh: DistributedMesh, x: ArrayLike) -> Float:
 
 
 def _of_own_cells(samples: Samples, mesh: DistributedMesh) -> Samples:
-    """Return the samples on own cells."""
+    """Return the samples on the cells owned by this rank."""
     is_own = (mesh.owners == mesh.ranks.rank)[samples.cells]
     number = np.cumsum(is_own) - 1
     simplices = samples.simplices[is_own[samples.simplices[:, 0]]]
@@ -109,7 +109,7 @@ def _of_own_cells(samples: Samples, mesh: DistributedMesh) -> Samples:
 
 
 def _remove_stale(target: Path, size: int) -> None:
-    """Remove pieces that an earlier run with more ranks left."""
+    """Remove the files of an earlier run with more ranks."""
     try:
         remove_pieces(target.with_suffix(""), size)
     except OSError as error:  # the solution is complete, so only warn

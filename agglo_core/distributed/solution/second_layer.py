@@ -16,14 +16,14 @@ from agglo_core.mesh import Mesh
 
 
 class _Seen(NamedTuple):
-    """Local cells, and a mark ``(n_faces,)`` on faces to cells outside."""
+    """Cells of a rank and its ghosts, and a mark ``(n_faces,)`` on faces to cells outside."""
 
     cells: WholeCells
     hidden: Mask
 
 
 def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
-    """Return own cells, ghosts and their neighbours as a mesh, with increasing global ids. Collective.
+    """Return a rank's cells and two layers of ghosts as a mesh, with increasing global ids. Collective.
 
     Here ghosts have all their neighbours, as needed for penalties at a face that depend on all faces of both
     cells. ``outer_faces`` excludes faces to cells outside this mesh. The kinds of cells and boundary faces
