@@ -1,4 +1,4 @@
-"""Command line ``agglo``, with fast start-up: help and listings import no numerical packages."""
+"""Command line ``agglo``. Help and listings start fast, without an import of numerical packages."""
 
 from agglo_core.cli.app import main
 

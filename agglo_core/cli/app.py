@@ -1,4 +1,4 @@
-"""Command group with the commands of plugins, and error reporting."""
+"""Command ``agglo`` with its subcommands, those of plugins included, and error reports."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # possible errors 
 
 
 class Commands(click.Group):
-    """agglo's own commands, and commands of plugins, imported when run."""
+    """Group of agglo's own commands and those of plugins, which are imported only when they run."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return agglo's own commands, then those of plugins.
@@ -50,7 +50,7 @@ class Commands(click.Group):
         return [*CORE_COMMANDS, *sorted(set(plugin_commands))]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        """Return the command with this name, for plugins a stand-in until the command runs."""
+        """Return the command with this name. For a plugin it is a placeholder until it runs."""
         core_command = super().get_command(ctx, cmd_name)
         if core_command is not None:
             return core_command
@@ -61,7 +61,7 @@ class Commands(click.Group):
 
 
 def _stand_in(name: str, record: Record) -> click.Command:
-    """Return a command with the declared summary that imports the target and forwards its arguments."""
+    """Return a placeholder for a plugin command, which imports the real command when it runs."""
 
     def hand_over(arguments: tuple[str, ...]) -> object:
         real = resolve(record)
@@ -160,7 +160,7 @@ def _run(args: Sequence[str] | None) -> int:
 
 
 def _give_up_output() -> None:
-    """Discard the unwritable rest of stdout, which would fail again at exit."""
+    """Discard the rest of stdout that cannot be written, since it would fail again at exit."""
     try:
         sys.stdout.flush()
     except OSError:

@@ -1,4 +1,4 @@
-"""Execution and display of runs for the commands."""
+"""Agglomeration runs of the commands: execution, measurement, and display of the results."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _RATIO = "mean diam/h*"
 
 
 def show_progress(quiet: bool = False) -> AbstractContextManager[Listener | None]:
-    """Return a context with a progress bar on stderr, without bar if quiet or not on a terminal."""
+    """Return a context that shows a progress bar on a terminal, or nothing if ``quiet``."""
     return nullcontext() if quiet else shown(lines=False)
 
 
@@ -38,7 +38,7 @@ def execute(
     progress: Listener | None = None,
     save: Callable[[Hierarchy, Sequence[Level]], object] | None = None,
 ) -> RunResult:
-    """Warm up, agglomerate with the arguments ``given``, measure and save. Errors propagate.
+    """Agglomerate a mesh with the arguments ``given``, measure the levels and save the hierarchy.
 
     The hierarchy is saved even if measuring fails (then without levels), but not after an interrupt.
     """
@@ -72,7 +72,7 @@ def attempt(
     metrics: Metrics = None,
     progress: Listener | None = None,
 ) -> RunResult:
-    """Execute one of several runs, with a failure as result instead of an error."""
+    """Execute one of several runs as :func:`execute`, with the error message as result if it fails."""
     from agglo_core.measure.comparison import RunResult
 
     try:
@@ -84,7 +84,7 @@ def attempt(
 
 
 def warm_up(given: Mapping[str, Any]) -> None:
-    """Import packages and compile kernels on a tiny mesh, to keep both out of the first run's time."""
+    """Agglomerate a tiny mesh, to keep imports and compilation out of the time of the first run."""
     from agglo_core import samples
     from agglo_core.agglomeration.one_call import agglomerate
 
@@ -106,18 +106,18 @@ def refuse_all_failed(runs: Sequence[RunResult]) -> None:
 
 
 def data(mesh: Mesh, source: str, runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return plain data on a mesh and its runs, as in ``--json``."""
+    """Return the data of a mesh and its runs in JSON types, as printed by ``--json``."""
     return {"mesh": {"name": mesh.name or source, "cells": mesh.n_cells, "h0": mesh.h}, "runs": runs}
 
 
 def level_data(level: Level) -> dict[str, Any]:
-    """Return a level's data, with its target as a number: maximum diameter or number of parts."""
+    """Return the data of a level, with its target as a number: maximum diameter or number of parts."""
     target = level.line["target"]
     return level.line | {"target": target.get("h_star", target.get("n_parts"))}
 
 
 def run_data(run: RunResult, bisector: str, method: str) -> dict[str, Any]:
-    """Return the data of a compared run: as ``agglo run``, with method, and an error if failed."""
+    """Return the data of one of several compared runs, with bisector, method and error message."""
     return {
         "bisector": bisector,
         "method": method,
@@ -130,7 +130,7 @@ def run_data(run: RunResult, bisector: str, method: str) -> dict[str, Any]:
 
 
 def refuse_metrics(mesh: Mesh, metrics: Metrics) -> None:
-    """Refuse metrics that do not exist in 3-D, tested on a small solid.
+    """Raise MeshError if a metric does not exist in 3-D and the mesh is 3-D.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def refuse_metrics(mesh: Mesh, metrics: Metrics) -> None:
 
 
 def single_level(mesh: Mesh) -> Hierarchy:
-    """Return a hierarchy with the unchanged cells as its only level."""
+    """Return a hierarchy whose only level consists of the cells themselves."""
     import numpy as np
 
     from agglo_core.hierarchy import Hierarchy
@@ -155,7 +155,7 @@ def single_level(mesh: Mesh) -> Hierarchy:
 
 
 def show(title: str, runs: Sequence[RunResult], only_finest: bool = False) -> None:
-    """Print a line per level, and the reasons of failed runs."""
+    """Print a table with one line per level, and the error messages of failed runs."""
     every = [level for run in runs for level in run.levels]
     sized = any(level.line["diameter_ratio"] is not None for level in every)
     columns = _columns(every[0], sized)
@@ -177,7 +177,7 @@ def show(title: str, runs: Sequence[RunResult], only_finest: bool = False) -> No
 
 
 def _describe_time_limits(run: RunResult) -> str:
-    """Return a remark on searches stopped by the time limit, or an empty text."""
+    """Return a remark on the number of searches stopped by their time limit, or an empty text if none."""
     count = run.hierarchy.statistics.get("time_limits", 0) if run.hierarchy else 0
     searches = "a search" if count == 1 else f"{count:,} searches"
     return (
@@ -186,7 +186,7 @@ def _describe_time_limits(run: RunResult) -> str:
 
 
 def _columns(level: Level, sized: bool) -> dict[str, str]:
-    """Return column keys and headings, with mean diameter over h* if a level has a size."""
+    """Return the table columns as keys and headings, with diameter over target size if ``sized``."""
     ratio_column = {"diameter_ratio": _RATIO} if sized and "diameter_ratio" not in level.metrics else {}
     alike = (*level.metrics, "connected", *level.objectives)
     return {"parts": "K"} | ratio_column | {name: name for name in alike}
@@ -204,7 +204,7 @@ def _cells(level: Level, columns: Iterable[str]) -> list[str]:
 
 
 def describe_undefined(level: Level, name: str) -> str:
-    """Return a remark on the number of agglomerates without a value."""
+    """Return a remark on the number of agglomerates for which a metric is undefined."""
     count = level.undefined.get(name, 0)
     return f" ({count} undefined)" if count else ""
 

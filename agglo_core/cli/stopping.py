@@ -1,4 +1,4 @@
-"""Clean termination by Ctrl-C and SIGTERM: both unwind the stack, so that temporary folders are removed."""
+"""Clean end on Ctrl-C and SIGTERM: both raise an exception, so that temporary folders are removed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from types import FrameType
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM as an exception.
+    """Exception raised on SIGTERM.
 
     Like Ctrl-C, and unlike SystemExit, it is not mistaken for the failure of a plugin.
     """
@@ -35,7 +35,10 @@ def _terminate(number: int, frame: FrameType | None) -> None:
 
 
 def find_interrupt(error: BaseException | None) -> KeyboardInterrupt | None:
-    """Return the interrupt that caused an error, or None. In kernels an interrupt becomes a SystemError."""
+    """Return the interrupt (Ctrl-C) that caused an error, or None if it has another cause.
+
+    In kernels an interrupt becomes a SystemError.
+    """
     chain = list[BaseException]()  # plugin errors may form a cycle
     while error is not None and not isinstance(error, KeyboardInterrupt):
         if error in chain:

@@ -1,1 +1,1 @@
-"""Commands of agglo, one module each."""
+"""Commands of ``agglo``, one module each."""

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Plan:
-    """Bisector and method of a run.
+    """Bisector and method (recursive or k-way) of one run to be compared.
 
     ``lacks`` is the reason if the bisector does not support the method.
     """
@@ -154,12 +154,12 @@ def compare(
 
 
 def _with_solutions(runs: list[dict[str, Any]], solved: Sequence[Solved]) -> list[dict[str, Any]]:
-    """Return the data of the runs, with the data of their solutions if solved."""
+    """Return the report data of the runs, and that of their solutions if problems were solved."""
     return [run | {"solve": each.data()} for run, each in zip(runs, solved, strict=True)] if solved else runs
 
 
 def _configured_method(options: Mapping[str, Any]) -> str:
-    """Return the method of the configuration, or the default method."""
+    """Return the method (recursive or k-way) of the configuration file, or the default method."""
     if "config" not in options:
         return METHODS[0]
     from agglo_core.agglomeration import Pipeline
@@ -168,7 +168,7 @@ def _configured_method(options: Mapping[str, Any]) -> str:
 
 
 def _plans(specs: Sequence[str], methods: Sequence[str]) -> list[_Plan]:
-    """Return all combinations, bisector by bisector.
+    """Return all combinations of bisectors and methods to run, bisector by bisector.
 
     Components are built once to check their options.
     """
@@ -182,7 +182,7 @@ def _plans(specs: Sequence[str], methods: Sequence[str]) -> list[_Plan]:
 
 
 def _unimplemented_methods(spec: str) -> dict[str, str]:
-    """Return a reason for each method that the bisector does not implement."""
+    """Return the methods that a bisector does not implement, with reasons."""
     from agglo_core.protocols import Bisector, LevelBisector, Partitioner
 
     name, options = choice("bisector", spec)

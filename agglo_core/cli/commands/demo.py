@@ -108,7 +108,7 @@ def demo(
 
 
 def _bisectors(quiet: bool, solid: bool = False) -> list[str]:
-    """Return the usable bisectors, and note those that lack a package or the dimension."""
+    """Return all usable bisectors, and print a note on those that lack a package or 3-D support."""
     records = [record for record in default().list() if record.kind == "bisector"]
     plane = [record for record in records if solid and record.state == "ok" and not _in_space(record)]
     for record in records if not quiet else ():
@@ -138,7 +138,7 @@ def _check_folder(folder: Path) -> None:
 def _meshes(
     outputs: Outputs, folder: Path, mesh: Mesh, runs: Sequence[RunResult], progress: Listener | None
 ) -> None:
-    """Write mesh and levels of each run for ParaView."""
+    """Write the mesh and the levels of each run for ParaView."""
     from agglo_core.io import write
 
     for run in runs:

@@ -48,7 +48,9 @@ def plugins(name: str | None, verbose: bool, as_json: bool) -> None:
 
 
 def _find_records(registry: Registry, text: str) -> list[Record]:
-    """Return the records for ``name``, ``kind:name`` or ``plugin/name``, several if kinds share the name.
+    """Return the records of components with a given name, several if kinds share the name.
+
+    Accepted forms are ``name``, ``kind:name`` and ``plugin/name``.
 
     Raises
     ------
@@ -95,7 +97,7 @@ def _particulars(record: Record) -> list[str]:
 
 
 def _card(record: Record) -> Iterator[str]:
-    """Yield lines that describe a component and its options."""
+    """Yield the lines of text that describe a component and its options."""
     kind = KINDS.get(record.kind)
     yield f"{describe(record)}: {record.state}"
     if record.reason:
@@ -122,7 +124,7 @@ def _lines(option: Option) -> list[str]:
 
 
 def _options_data(record: Record) -> dict[str, Any]:
-    """Return the options as plain data, or None if unknown."""
+    """Return the options of a component in JSON types, or None if the component cannot be imported."""
     if record.state != "ok" or record.component is None:
         return {"options": None}
     options = options_of(resolve(record))
@@ -143,7 +145,7 @@ def _options_data(record: Record) -> dict[str, Any]:
 
 
 def _data(record: Record) -> dict[str, Any]:
-    """Return a record as plain data.
+    """Return the record of a component in JSON types.
 
     Values become text, because a broken declaration may contain anything.
     """

@@ -62,7 +62,7 @@ def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -
 
 
 def _columns(levels: Sequence[Level]) -> list[str]:
-    """Return the column keys, with the mean diameter over h* if a level has a size."""
+    """Return the table columns, with mean diameter over target size if a level has a target size."""
     sized = any(level.line["diameter_ratio"] is not None for level in levels)
     first = ["level", "parts", *(["diameter_ratio"] if sized else []), "max_diameter"]
     metrics = [name for name in levels[0].metrics if name not in first]
@@ -70,7 +70,7 @@ def _columns(levels: Sequence[Level]) -> list[str]:
 
 
 def _levels(mesh: Mesh, stored: Hierarchy | None) -> tuple[list[str], Hierarchy]:
-    """Return names and hierarchy of the stored levels, or of the unchanged cells without stored levels."""
+    """Return names and hierarchy of the levels in a file, or of its cells if it has no levels."""
     if stored is not None:
         return [f"level_{place}" for place in range(len(stored.levels))], stored
     return ["cells"], single_level(mesh)

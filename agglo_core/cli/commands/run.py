@@ -122,7 +122,10 @@ def _carry_out(
     file: Path | None,
     progress: Listener | None,
 ) -> RunResult:
-    """Execute a run and write its file at once. Without ``spec``, use the configuration or the defaults."""
+    """Agglomerate with one bisector and write the result at once.
+
+    Without ``spec`` the bisector is that of the configuration file, or the default.
+    """
 
     def save(hierarchy: Hierarchy, levels: Sequence[Level]) -> None:
         from agglo_core.io import write

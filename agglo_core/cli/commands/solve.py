@@ -143,7 +143,7 @@ def solve(
 
 @dataclass(frozen=True)
 class _Task:
-    """Problem on a mesh, with solver and levels.
+    """Problem on a mesh with a solver and the levels of a hierarchy, ready to be solved.
 
     Attributes
     ----------
@@ -162,12 +162,12 @@ class _Task:
 
     @property
     def title(self) -> str:
-        """Solver title for messages."""
+        """Name of the solver for messages."""
         return solver_title(self.solver)
 
     @property
     def hierarchy(self) -> Hierarchy:
-        """Hierarchy with the levels. The run that made it did not fail."""
+        """Hierarchy that supplies the levels."""
         assert self.made.hierarchy is not None
         return self.made.hierarchy
 
@@ -179,7 +179,7 @@ class _Task:
         return with_hierarchy(run_solver(solver, self.posed.problem, self.hierarchy, progress), self.made)
 
     def report(self, solution: Solution, cg: bool, progress: Listener | None) -> dict[str, Any]:
-        """Return the report data of a solution, with ``cg`` also plain conjugate gradient iterations."""
+        """Return the report data of a solution, on request compared with conjugate gradients (``cg``)."""
         from agglo_core.solvers import solution_report
 
         cg_tolerance = getattr(self.tool, "tolerance", 1e-6) if cg and not _is_plain_cg(self.tool) else None
@@ -198,7 +198,7 @@ def _task(
     sampled_for: str,
     progress: Listener | None,
 ) -> _Task:
-    """Read the mesh, pose the problem and build the levels.
+    """Read the mesh, set up the problem and build the levels.
 
     ``sampled_for`` is the beginning of a message on options that need interpreted unknowns.
     """
@@ -216,12 +216,12 @@ def _task(
 
 
 def _is_plain_cg(tool: object) -> bool:
-    """Return True if a solver is conjugate gradients without levels."""
+    """Return True if a solver is the conjugate gradient method without multigrid levels."""
     return bool(getattr(tool, "plain_cg", False))
 
 
 def _show(task: _Task, data: dict[str, Any], *, as_json: bool) -> None:
-    """Print the report of a solution."""
+    """Print the report on a solution: costs per level and phase, and convergence."""
     if as_json:
         print_json(data)
         return
@@ -232,7 +232,7 @@ def _show(task: _Task, data: dict[str, Any], *, as_json: bool) -> None:
 
 
 def _refuse_one_process(tool: object, solver: str, files: Mapping[str, Path | None]) -> None:
-    """Refuse several ranks for a solver without distributed solves, and files not made on ranks."""
+    """Raise OptionError on several MPI ranks if the solver or a requested file needs a single process."""
     if find_launch() is None:
         return
     if getattr(tool, "ranks", "one") != "world" and not solves_across(tool):
@@ -249,7 +249,7 @@ def _drop_unset_options(options: Mapping[str, Any]) -> dict[str, Any]:
 def _check_files(
     output: Path | None, plot: Path | None, system_file: Path | None, tool: object, solver: str
 ) -> None:
-    """Check that files can be written before computing."""
+    """Check before the computation that all requested files can be written."""
     if (output or plot) and getattr(tool, "discretisation", None) is None:
         raise OptionError(
             f"{solver} has no discretisation to interpret its unknowns: -o and --plot are not available"
@@ -269,7 +269,7 @@ def _check_files(
 
 
 def _sampler(task: _Task, solution: Solution) -> Callable[[], Samples]:
-    """Return a function that samples the solution once, for file and picture."""
+    """Return a function that evaluates the solution at sample points once, for file and picture."""
 
     @cache
     def sample_solution() -> Samples:
@@ -291,7 +291,7 @@ def _write(
 
 
 def _hand_over(outputs: Outputs, path: Path, task: _Task, progress: Listener | None) -> None:
-    """Write the system before solving, to have the file even if the solver fails."""
+    """Write the linear system before it is solved, so that the file exists even if the solver fails."""
     from agglo_core.io.system_files import write_system_and_levels
 
     with phase(progress, "writing", path.name):

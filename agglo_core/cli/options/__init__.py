@@ -1,1 +1,1 @@
-"""Options and arguments of commands: parsing, checks, shell completion."""
+"""Options and arguments of commands: parsing, checks, tab completion in the shell."""

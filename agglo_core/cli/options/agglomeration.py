@@ -1,4 +1,4 @@
-"""Agglomeration options for commands, including plugins, with help texts of the keywords.
+"""Command line options for all keywords of :func:`~agglo_core.agglomerate`, with their help texts.
 
 .. code-block:: python
 
@@ -49,7 +49,7 @@ from agglo_core.cli.options.specs import (
 
 
 class _File(click.Path):
-    """Path that must not be empty."""
+    """Type of path options: a path that is not empty."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if value == "":
@@ -62,7 +62,7 @@ Amount = Literal["one", "several"]
 
 
 def read_methods(_: click.Context, parameter: click.Parameter, text: str | None) -> list[str]:
-    """Parse a comma list of methods without duplicates (click callback)."""
+    """Parse a comma-separated list of methods without duplicates (click callback)."""
     methods = [method.strip() for method in text.split(",")] if text is not None else []
     flag = parameter.opts[0]
     unknown = [method for method in methods if method not in METHODS]
@@ -73,7 +73,7 @@ def read_methods(_: click.Context, parameter: click.Parameter, text: str | None)
 
 
 def _names(_: click.Context, parameter: click.Parameter, text: str | None) -> tuple[str, ...] | None:
-    """Parse a comma list of tags (click callback)."""
+    """Parse a comma-separated list of tags (click callback)."""
     if text is None:
         return None
     names = tuple(name.strip() for name in text.split(","))
@@ -83,7 +83,7 @@ def _names(_: click.Context, parameter: click.Parameter, text: str | None) -> tu
 
 
 def _tensor(_: click.Context, parameter: click.Parameter, text: str | None) -> list[list[float]] | None:
-    """Parse a square matrix with 4 or 9 numbers (click callback)."""
+    """Parse a 2×2 or 3×3 matrix from 4 or 9 comma-separated numbers (click callback)."""
     if text is None:
         return None
     try:
@@ -115,17 +115,17 @@ _ALL = (*NAMES, "config", "allow_code")
 
 
 def _flag(name: str) -> str:
-    """Return the flag of a keyword."""
+    """Return the command line flag for a keyword, such as ``--parts``."""
     return _FLAGS.get(name) or f"--{name.replace('_', '-')}"
 
 
 def _option(name: str, **settings: Any) -> Decorator:
-    """Return the option of a keyword that takes a value."""
+    """Build the command line option for a keyword that takes a value."""
     return click.option(_flag(name), name, help=HELP[name], **settings)
 
 
 def _component(name: str) -> Decorator:
-    """Return the option of a keyword that names components."""
+    """Build the command line option for a keyword whose value names components."""
     several = name in COMPONENT_LISTS
     also = ("none",) if COMPONENTS[name] == "refiner" else ()
     offer = names(COMPONENTS[name], also=also)
@@ -133,17 +133,17 @@ def _component(name: str) -> Decorator:
 
 
 def _numbers(name: str, kind: type[int] | type[float], least: float | None = None) -> Decorator:
-    """Return the option of a target: a comma list with a number per level."""
+    """Build the command line option for a target: comma-separated numbers, one per level."""
     return _option(name, callback=numbers(kind, least=least), metavar="LIST")
 
 
 def _bound(name: str) -> Decorator:
-    """Return the option of a bound on parts."""
+    """Build the command line option for a bound on part sizes."""
     return _option(name, type=Number(int, least=1) if name.endswith("cells") else Number(float, above=0))
 
 
 def _switch(name: str) -> Decorator:
-    """Return the option of a boolean keyword, with the default of :func:`~agglo_core.agglomerate`."""
+    """Build the on/off option for a boolean keyword, by default as in :func:`~agglo_core.agglomerate`."""
     return click.option(_SWITCHES[name], name, default=None, help=HELP[name])
 
 
@@ -230,7 +230,7 @@ def agglomeration_options(
 
 
 def _gather_options(command: Command, options: Sequence[Decorator], names: Sequence[str]) -> Command:
-    """Add options to a command, and collect the named options in one argument ``agglomeration``."""
+    """Add options to a command, which receives the named ones as a dict ``agglomeration``."""
 
     @wraps(command)
     def gathered(**arguments: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Shell completion: names, options and values of components, samples, files."""
+"""Tab completion in the shell: names, options and option values of components, samples, files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
 def names(*kinds: str, several: bool = False, also: tuple[str, ...] = ()) -> Offer:
-    """Return a completion with usable components of these kinds, their options and option values.
+    """Return a click callback that completes names, options and option values of these kinds of components.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def names(*kinds: str, several: bool = False, also: tuple[str, ...] = ()) -> Off
 
 
 def any_names(_: click.Context, __: click.Parameter, typed: str) -> list[CompletionItem]:
-    """Complete all components, as ``NAME`` or ``KIND:NAME``."""
+    """Complete the name of a component of any kind, as ``NAME`` or ``KIND:NAME``."""
     kind, colon = typed.partition(":")[:2]
     alone = bool(colon) and kind in KINDS
     records = _usable_records((kind,) if alone else tuple(KINDS))
@@ -62,14 +62,14 @@ samples: Offer = names("sample")
 
 
 def meshes(context: click.Context, parameter: click.Parameter, typed: str) -> list[CompletionItem]:
-    """Complete samples, or files if no sample matches."""
+    """Complete the name of a sample mesh, or a file name if no sample matches."""
     return samples(context, parameter, typed) or [CompletionItem(typed, type="file")]
 
 
 def _find_continuations(
     kinds: tuple[str, ...], typed: str, several: bool, also: tuple[str, ...]
 ) -> Iterator[tuple[str, str]]:
-    """Yield the possible continuations, each including the typed text, with a description.
+    """Yield the possible completions of the typed text, each with a description.
 
     After a comma in a list, another component or another option of the previous component may follow.
     """
@@ -91,7 +91,7 @@ def _find_continuations(
 
 
 def _options(kinds: tuple[str, ...], name: str, typed: str) -> Iterator[tuple[str, str]]:
-    """Yield the options that may follow those ``typed``, or the values of the last option."""
+    """Yield the option names that may follow those ``typed``, or the values of the last option."""
     *typed_options, last = typed.split(",")
     option, equals, value = last.partition("=")
     used_names = {item.partition("=")[0] for item in typed_options}
@@ -134,12 +134,12 @@ complete -o nosort -o nospace -F %(complete_func)s %(prog_name)s
 
 
 class _Bash(BashComplete):
-    """Completion in bash, which splits words at ``:`` and ``=``, and completes the last piece."""
+    """Tab completion in bash, which splits words at ``:`` and ``=`` and completes only the last fragment."""
 
     source_template = _BASH
 
     def get_completion_args(self) -> tuple[list[str], str]:
-        """Return the words before the cursor, and the word at the cursor so far."""
+        """Return the words before the cursor, and the beginning of the word at the cursor."""
         line = os.environ["COMP_LINE"][: int(os.environ["COMP_POINT"])]
         words = split_arg_string(line)
         typed = words.pop() if words and not line[-1].isspace() else ""
@@ -147,7 +147,7 @@ class _Bash(BashComplete):
         return words[1:], typed
 
     def format_completion(self, item: CompletionItem) -> str:
-        """Return the rest of a word, followed by a space unless a value is next."""
+        """Return the missing end of a word, followed by a space unless an option value comes next."""
         if item.type != "plain":
             return f"{item.type},"
         text = str(item.value)[self._known :]

@@ -12,7 +12,7 @@ import click
 
 @dataclass(frozen=True)
 class Number(click.ParamType[float]):
-    """Finite number within bounds.
+    """Type of numeric options: a finite number within bounds.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Number(click.ParamType[float]):
 
 
 def in_words(value: Any) -> str:
-    """Return a value as quoted in error messages, shortened if long."""
+    """Return a value in quotation marks for error messages, shortened if long."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:56]}…{text[-1]}"
 
@@ -70,7 +70,7 @@ def in_words(value: Any) -> str:
 def numbers(
     number: type[int] | type[float], least: float | None = None
 ) -> Callable[[click.Context, click.Parameter, Any], tuple[float, ...] | None]:
-    """Return a click callback that parses ``"2,4,8"`` to positive numbers, each at least ``least``."""
+    """Return a click callback that parses ``"2,4,8"`` to positive numbers of at least ``least``."""
     noun = "whole numbers" if number is int else "numbers"
     condition = "positive and finite" if least is None else f"at least {least:g} and finite"
 

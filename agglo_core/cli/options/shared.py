@@ -20,12 +20,12 @@ Decorator = Callable[[Command], Command]
 
 
 def read_bisectors(_: click.Context, __: click.Parameter, typed: Sequence[str]) -> list[str]:
-    """Parse a repeatable option of bisectors with comma lists (click callback)."""
+    """Parse a repeatable option that lists bisectors, separated by commas (click callback)."""
     return bisector_specs(typed)
 
 
 def bisectors_option(about: str) -> Decorator:
-    """Add a repeatable option ``--bisector`` to a command with an argument ``bisectors`` (decorator).
+    """Add the repeatable option ``--bisector``, whose values become the argument ``bisectors`` (decorator).
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def _read_metrics(_: click.Context, __: click.Parameter, text: str | None) -> li
 
 
 def metrics_option(command: Command) -> Command:
-    """Add the option ``--metrics``, for :func:`agglo_core.measure.measure_levels`, or None (decorator).
+    """Add the option ``--metrics``, a list for :func:`~agglo_core.measure.measure_levels` (decorator).
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Parsing of single arguments: a mesh, a component with options, a list of components."""
+"""Parsing of texts that describe a mesh, a component with options, or a list of components."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def load_mesh(text: str | Path) -> Mesh:
 
 
 def parse_spec(text: str) -> tuple[str, dict[str, Value]]:
-    """Split ``"metis:ufactor=30,contig=true"`` into name and options, with values parsed by their form.
+    """Split ``"metis:ufactor=30,contig=true"`` into name and options, and infer the types of the values.
 
     Not for components: :func:`choice` converts component options by their declared types.
 
@@ -79,7 +79,7 @@ def parse_spec(text: str) -> tuple[str, dict[str, Value]]:
 
 
 def as_typed(text: str) -> tuple[str, dict[str, Text]]:
-    """Return name and options of a component as typed text, to be converted by the registry.
+    """Split ``"metis:ufactor=30"`` into name and options, with all values as text.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def all_bisectors() -> list[str]:
 
 
 def bisector_specs(typed: Sequence[str]) -> list[str]:
-    """Expand comma lists of bisectors, with ``all`` for all usable bisectors.
+    """Split comma-separated lists of bisectors, where ``all`` stands for all usable bisectors.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def bisector_specs(typed: Sequence[str]) -> list[str]:
 
 
 def choice(kind: str, spec: str) -> tuple[str, dict[str, Any]]:
-    """Return name and options of a usable component, with options converted to their declared types.
+    """Split ``"metis:ufactor=30"`` into name and options, with values of the types that ``metis`` declares.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""Command output: tables, notices, JSON, files."""
+"""Output of commands: tables, notes and warnings, JSON, files."""

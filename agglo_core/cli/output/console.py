@@ -1,4 +1,4 @@
-"""Printing of notices on stderr and JSON on stdout."""
+"""Printing of notes and warnings on stderr, and of JSON on stdout."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _log = logging.getLogger("agglo")
 
 
 class _Notices(logging.Handler):
-    """Log handler that prints each notice once, as several runs on one mesh repeat notices."""
+    """Log handler that prints equal messages only once, because runs on the same mesh repeat them."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -35,7 +35,7 @@ class _Notices(logging.Handler):
 
 @contextmanager
 def notices() -> Iterator[None]:
-    """Show agglo's log (repairs, warnings) on stderr within the context."""
+    """Print agglo's log messages (repairs, warnings) on stderr within the context."""
     handler, level = _Notices(), _log.level
     _log.addHandler(handler)
     _log.setLevel(logging.INFO)
@@ -47,12 +47,12 @@ def notices() -> Iterator[None]:
 
 
 def quieten() -> None:
-    """Log errors only, for ``--quiet``."""
+    """Suppress all log messages but errors, for ``--quiet``."""
     _log.setLevel(logging.ERROR)
 
 
 def explain_compilation() -> None:
-    """Print a note on stderr when this run starts compiling kernels."""
+    """Print a note on stderr if kernels are compiled during this command."""
     from agglo_core.compiled.first_run import watch_compilation
 
     note = "note: compiling numerical kernels, once per machine (up to a minute)"

@@ -1,4 +1,4 @@
-"""Output for any terminal or pipe encoding, with replacements such as ``<=`` for ``≤``.
+"""Output in any character encoding, with replacements such as ``<=`` for ``≤``.
 
 The streams replace unencodable characters themselves. This covers tables, notes, help texts and output of
 plugins. JSON is ASCII anyway.
@@ -33,7 +33,7 @@ _GREEK = {
 
 
 def _substitute(character: str) -> str:
-    """Return ASCII with similar appearance or sound, or else the character's number."""
+    """Replace a character by similar ASCII characters, or by its Unicode number."""
     replacement = _INSTEAD.get(character) or _GREEK.get(character)
     if replacement:
         return replacement
@@ -57,7 +57,7 @@ codecs.register_error(_ERRORS, _replace)
 
 
 def _ascii_by_another_name(name: str) -> codecs.CodecInfo | None:
-    """Return ASCII under another name, because :mod:`click` replaces streams in ASCII by UTF-8."""
+    """Provide the ASCII encoding under another name, as :mod:`click` replaces it by UTF-8 otherwise."""
     if name != _ASCII:
         return None
     real = codecs.lookup("ascii")
@@ -74,7 +74,7 @@ def _ascii_by_another_name(name: str) -> codecs.CodecInfo | None:
 
 @contextmanager
 def readable_output() -> Iterator[None]:
-    """Replace unencodable characters on stdout and stderr within the context."""
+    """Replace characters that stdout and stderr cannot encode, within the context."""
     codecs.register(_ascii_by_another_name)
     try:
         with ExitStack() as stack:
@@ -99,12 +99,12 @@ def _reconfigure_temporarily(stream: io.TextIOWrapper) -> Iterator[None]:
 
 
 def replace_unencodable(text: str, stream: TextIO | None = None) -> str:
-    """Return the text as shown by a stream (default: stdout), with replacements of their real width."""
+    """Return a text with replacements for the characters that a stream (default: stdout) cannot encode."""
     stream = stdout() if stream is None else stream
     encoding = getattr(stream, "encoding", None) or "utf-8"
     return printable(text).encode(encoding, _ERRORS).decode(encoding)
 
 
 def can_show(text: str, stream: TextIO | None = None) -> bool:
-    """Return True if a stream (default: stdout) shows the text unchanged."""
+    """Return True if a stream (default: stdout) can encode all characters of the text."""
     return replace_unencodable(text, stream) == text

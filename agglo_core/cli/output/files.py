@@ -1,4 +1,4 @@
-"""Output files of commands: checked before computing, independent of each other's failures."""
+"""Output files of commands: checked before the computation, written independently of each other."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _NO_RESULT, _NO_PICTURE = 2, 3  # exit codes
 
 @dataclass
 class Outputs:
-    """Output files of a command. Each is made independently, so a failure affects no other file.
+    """Output files of a command, each written independently: a failure affects no other file.
 
     Attributes
     ----------
@@ -50,11 +50,11 @@ class Outputs:
     code: int = 0
 
     def result(self, path: Path, make: Callable[[], object]) -> bool:
-        """Make a result file and return True on success. Interrupts propagate."""
+        """Write a result file, and return False if this failed. Interrupts propagate."""
         return self._attempt(path, make, _NO_RESULT)
 
     def picture(self, path: Path, make: Callable[[], object]) -> bool:
-        """Make a picture or report and return True on success. Interrupts propagate."""
+        """Write a picture or report, and return False if this failed. Interrupts propagate."""
         return self._attempt(path, make, _NO_PICTURE)
 
     def _attempt(self, path: Path, make: Callable[[], object], code: int) -> bool:
@@ -70,7 +70,9 @@ class Outputs:
         return True
 
     def finish(self, *, listed: bool) -> int:
-        """Report missing files on stderr, with traceback for bugs, and return the exit code.
+        """Report the files that could not be written on stderr, and return the exit code.
+
+        Unexpected exceptions are reported with their traceback.
 
         With ``listed``, also print the written files on stdout.
         """
@@ -86,7 +88,7 @@ class Outputs:
 
 
 def _coarse_meshes(path: Path) -> str:
-    """Return a remark on coarse mesh files that ``write`` has placed beside a file."""
+    """Return a remark on the coarse mesh files that were written beside a mesh file."""
     count = 0
     while path.with_name(f"{path.stem}_level{count}{path.suffix}").is_file():
         count += 1
@@ -102,7 +104,7 @@ def _coarse_meshes(path: Path) -> str:
 def check_outputs(
     output: Path | None, plot: Path | None, report: Path | None, bisectors: Sequence[str]
 ) -> list[Path]:
-    """Return the mesh file of each run, after checking all output files as far as possible.
+    """Check all output files as far as possible, and return the mesh file of each run.
 
     Raises
     ------
@@ -134,7 +136,7 @@ def draw_runs(
     solves: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
     explode: float | None = None,
 ) -> None:
-    """Make picture and report if requested, with means of the ``metrics`` in the titles.
+    """Write picture and report if requested, with means of the ``metrics`` in the titles.
 
     ``solves`` contains the report data of solutions by run name.
     """
@@ -152,7 +154,7 @@ def draw_runs(
 
 
 def weigh_runs(outputs: Outputs, mesh: Mesh, runs: Sequence[RunResult], picture: Path) -> None:
-    """Draw roundness, evenness and seconds of the runs with the Pareto front."""
+    """Draw roundness, evenness and computing time of the runs, with their Pareto front."""
     from agglo_core.draw.pareto import draw_pareto
 
     name = mesh.name or "mesh"
@@ -160,14 +162,14 @@ def weigh_runs(outputs: Outputs, mesh: Mesh, runs: Sequence[RunResult], picture:
 
 
 def check_report(report: Path) -> None:
-    """Raise FileError if a report cannot be written there, as far as foreseeable."""
+    """Raise FileError if the report can foreseeably not be written to this path."""
     from agglo_core.draw.webpage import check_page
 
     check_page(report)
 
 
 def check_picture(plot: Path, flag: str = "--plot") -> None:
-    """Raise FileError if a picture cannot be written there, as far as foreseeable.
+    """Raise FileError if the picture can foreseeably not be written to this path.
 
     Without matplotlib, as needed for the option ``flag``, print an early warning.
     """
@@ -186,12 +188,12 @@ def check_picture(plot: Path, flag: str = "--plot") -> None:
 
 
 def as_file_name(spec: str) -> str:
-    """Return a component as part of a file name: ``metis:ufactor=30`` becomes ``metis_ufactor_30``."""
+    """Convert a component to part of a file name: ``metis:ufactor=30`` becomes ``metis_ufactor_30``."""
     return re.sub(r"\W+", "_", spec).strip("_")
 
 
 def _one_each(output: Path, bisectors: Sequence[str]) -> list[Path]:
-    """Return a file per bisector: ``out_kmeans.vtu``, ``out_metis.vtu``.
+    """Return an output file for each bisector: ``out_kmeans.vtu``, ``out_metis.vtu``.
 
     Options become part of the name, without characters that file names cannot have.
     """

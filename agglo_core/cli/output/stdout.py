@@ -1,4 +1,4 @@
-"""Standard output reserved for commands: all other output goes to stderr.
+"""Standard output reserved for the results of a command. All other output goes to stderr.
 
 Components may print, and so may C code (METIS reports some errors in this way). Tables and JSON must not
 contain such lines. Therefore a command keeps the real stdout while running, and redirects the file
@@ -22,7 +22,7 @@ _COLUMNS = 80  # terminal width if unknown
 
 
 class OwnCommand(click.Command):
-    """Command of agglo with exclusive use of stdout."""
+    """Command whose results alone go to stdout. All other output goes to stderr."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command with :func:`stdout` as its output stream."""
@@ -32,7 +32,7 @@ class OwnCommand(click.Command):
 
 
 def stdout() -> TextIO:
-    """Return the stream for command output: kept by :class:`OwnCommand`, or else ``sys.stdout``.
+    """Return the stream for results: the original stdout in an :class:`OwnCommand`, else ``sys.stdout``.
 
     Outside an own command the result is None if the caller has closed stdout.
     """
@@ -42,7 +42,7 @@ def stdout() -> TextIO:
 
 
 def terminal_columns(stream: TextIO | None = None) -> int | None:
-    """Return the terminal width of a stream (default: :func:`stdout`), or None if not a terminal."""
+    """Return the terminal width of a stream (default: :func:`stdout`), or None for a file or pipe."""
     stream = stdout() if stream is None else stream
     if stream is None or not stream.isatty():
         return None
@@ -70,7 +70,7 @@ def _reserve_stdout(*, quiet: bool) -> Iterator[TextIO]:
 
 @contextmanager
 def _redirect_descriptor(stream: TextIO, stray: TextIO) -> Iterator[TextIO]:
-    """Provide the original target of descriptor 1, and redirect the descriptor to ``stray`` meanwhile."""
+    """Redirect file descriptor 1 to ``stray`` within the context, and provide its original target."""
     stream.flush()
     buffering = 1 if stream.isatty() else -1
     output = os.fdopen(os.dup(1), "w", buffering, encoding=stream.encoding, errors=stream.errors)

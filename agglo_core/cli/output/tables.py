@@ -1,4 +1,4 @@
-"""Tables on stdout, drawn by rich with column widths chosen here so that no number is cut.
+"""Tables on stdout, drawn by the package rich, with column widths that cut no number.
 
 On a narrow terminal the layout gives up, in this order, the frame, unfolded headings and words, and spare
 columns (named in a line below the table). Finally every row becomes a block of lines. In a pipe a table has
@@ -29,7 +29,7 @@ _NOTHING: Mapping[str, int] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Table:
-    """Table of texts.
+    """Table of texts with rules for narrow terminals: columns to drop, columns to fold.
 
     Attributes
     ----------
@@ -48,17 +48,17 @@ class Table:
     fold: Mapping[str, int]
 
     def without(self, left: Sequence[str]) -> Table:
-        """Return the table without some columns."""
+        """Return the table without the given columns."""
         indices = [place for place, name in enumerate(self.columns) if name not in left]
         rows = [[row[place] for place in indices] for row in self.rows]
         return replace(self, columns=[self.columns[place] for place in indices], rows=rows)
 
     def cells(self, place: int) -> list[str]:
-        """Return the cells of a column."""
+        """Return the texts in the column with this index."""
         return [row[place] for row in self.rows]
 
     def least(self, *, whole_heads: bool) -> list[int]:
-        """Return the minimum column widths, with headings folded or whole."""
+        """Return the minimum width of each column, with the heading folded or in one line."""
         widths = []
         for place, name in enumerate(self.columns):
             cells = self.cells(place)
@@ -69,7 +69,7 @@ class Table:
         return widths
 
     def widths(self, room: int, *, whole_heads: bool) -> list[int] | None:
-        """Return column widths within ``room`` in total, or None if impossible."""
+        """Return column widths with sum ``room`` or less, or None if the minimum widths exceed it."""
         widths = self.least(whole_heads=whole_heads)
         room -= sum(widths)
         if room < 0:
@@ -124,7 +124,7 @@ def print_table(
 
 
 def print_lines(text: str) -> None:
-    """Print lines on stdout, folded at spaces only, so that paths stay whole.
+    """Print lines on stdout, wrapped only at spaces, so that paths are not broken.
 
     Examples
     --------
@@ -139,13 +139,13 @@ def print_lines(text: str) -> None:
 
 
 def line_for(width: int | None, line: str) -> str:
-    """Return a line, folded at spaces only to the given terminal width."""
+    """Return a line wrapped to the given terminal width, only at spaces."""
     indent = " " * (len(line) - len(line.lstrip()) + 2)
     return line if width is None else "\n".join(fold_text(line, width, indent, _SPACES))
 
 
 def lay_out_table(table: Table, width: int | None, *, boxed: bool) -> list[str]:
-    """Return the lines of a table within ``width`` columns, or in full width for None."""
+    """Return the lines of a table that fits into ``width`` columns, or of full width if None."""
     count = len(table.columns)
     frame, gaps = 3 * count + 1, _GAP * (count - 1)
     # First choice: framed, with whole headings.
@@ -174,7 +174,7 @@ def _describe_omission(names: Sequence[str], width: int, full_width: int) -> lis
 
 
 def _draw_grid(table: Table, widths: Sequence[int], *, boxed: bool) -> list[str]:
-    """Return the table lines drawn by rich with the given column widths."""
+    """Return the lines of a table with the given column widths, drawn by the package rich."""
     from rich.box import HEAVY_HEAD
     from rich.console import Console
     from rich.table import Table as Grid
@@ -202,7 +202,10 @@ def _draw_grid(table: Table, widths: Sequence[int], *, boxed: bool) -> list[str]
 
 
 def _stack_rows(table: Table, width: int) -> Iterator[str]:
-    """Yield a block per row. A row with an empty first cell continues the previous block."""
+    """Yield the rows as blocks of lines, one line per cell, for terminals too narrow for a table.
+
+    A row with an empty first cell continues the previous block.
+    """
     margin = max(map(_width, table.columns), default=0) + _GAP
     for number, row in enumerate(table.rows):
         if number and row[0]:
@@ -213,7 +216,7 @@ def _stack_rows(table: Table, width: int) -> Iterator[str]:
 
 
 def fold_text(text: str, width: int, indent: str = "", breaks: re.Pattern[str] = _BREAKS) -> Iterator[str]:
-    """Yield lines, broken between words and after ``, : = _ -`` before a letter, never in a number.
+    """Yield wrapped lines, broken between words or after ``, : = _ -``, but never in a number.
 
     Continuation lines begin with ``indent``. A word wider than ``width`` stays whole.
     """
@@ -228,7 +231,7 @@ def fold_text(text: str, width: int, indent: str = "", breaks: re.Pattern[str] =
 
 
 def _width(text: str) -> int:
-    """Return the terminal width of a line: two columns for East Asian letters, none for accents."""
+    """Return the number of terminal columns of a line: two per East Asian letter, none per accent."""
     if text.isascii():
         return len(text)
     from rich.cells import cell_len

@@ -1,1 +1,1 @@
-"""Commands run and solve on several MPI ranks."""
+"""Commands ``run`` and ``solve`` on several MPI ranks."""

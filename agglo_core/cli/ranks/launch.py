@@ -1,4 +1,4 @@
-"""Command line on several MPI ranks: printing, common exit, refused options.
+"""Command line on several MPI ranks: output, common exit code, options that are not available.
 
 The number of ranks is read from environment variables of launchers, so that ordinary runs do not import
 mpi4py. Rank 0 prints, and the output of other ranks is held back. At the end, the ranks exchange their exit
@@ -43,7 +43,7 @@ class Launched(NamedTuple):
 
 
 def find_launch(environment: Mapping[str, str] | None = None) -> Launched | None:
-    """Return rank and number of the processes launched together, or None for a single process."""
+    """Return rank and number of processes if an MPI launcher started several, else None."""
     variables = os.environ if environment is None else environment
     for names in _LAUNCHERS:
         rank, size = (variables.get(name, "") for name in names)
@@ -53,7 +53,7 @@ def find_launch(environment: Mapping[str, str] | None = None) -> Launched | None
 
 
 def refuse_on_ranks(what: str, instead: str) -> None:
-    """Raise OptionError if this process is one of several, all of which would do equal work."""
+    """Raise OptionError if an MPI launcher started several processes, which would all do the same work."""
     launch = find_launch()
     if launch is not None:
         raise OptionError(
@@ -66,7 +66,7 @@ def refuse_files(
     files: Mapping[str, Path | None],
     instead: str = "write the mesh with -o NAME.pvtu and plot it in one process",
 ) -> None:
-    """Raise OptionError if options request files that runs on several ranks cannot make."""
+    """Raise OptionError if options request files that are not available on several MPI ranks."""
     options = [option for option, file in files.items() if file is not None]
     if options:
         raise OptionError(
@@ -75,7 +75,7 @@ def refuse_files(
 
 
 def on_all_ranks(command: Callable[[], int], here: Launched) -> int:
-    """Run a command on all ranks, and return the common exit code.
+    """Run a command on all ranks, and return an exit code equal on all of them.
 
     If some ranks cannot end, the whole run is aborted, including this rank.
     """
@@ -118,7 +118,10 @@ def _run_command(command: Callable[[], int]) -> int:
 
 
 def _codes_of_all(comm: Any, code: int) -> list[int] | None:
-    """Return all exit codes, or None if this rank has failed and others do not end in time."""
+    """Collect the exit codes of all ranks.
+
+    None if this rank has failed and other ranks do not end in time.
+    """
     import numpy as np
 
     own_code, codes = np.array([code]), np.zeros(comm.Get_size(), np.int64)
@@ -133,7 +136,7 @@ def _codes_of_all(comm: Any, code: int) -> list[int] | None:
 
 
 def _say(output: io.StringIO, rank: str) -> None:
-    """Print the held output of a failed rank. Rank 0 holds nothing back."""
+    """Print the buffered error messages of a failed rank. Rank 0 prints without a buffer."""
     lines = [line for line in output.getvalue().splitlines() if not line.startswith(("note: ", "warning: "))]
     for line in lines:
         message = line.removeprefix("error: ")

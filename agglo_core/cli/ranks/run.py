@@ -1,4 +1,4 @@
-"""``agglo run`` on several ranks: each rank has a share of the mesh, rank 0 prints the table."""
+"""``agglo run`` on several MPI ranks: each agglomerates part of the mesh, rank 0 prints the table."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 
 def is_of_ranks(output: Path | None, independent: bool) -> bool:
-    """Return True for a run on several ranks, or on one rank by the distributed method."""
+    """Return True if the options or an MPI launcher call for the distributed algorithm."""
     pieces = output is not None and output.suffix.lower() == ".pvtu"
     return find_launch() is not None or pieces or independent
 
 
 @dataclass(frozen=True)
 class _Level:
-    """Level data as :class:`agglo_core.measure.Level`, without values of single parts."""
+    """Data of one level, as :class:`agglo_core.measure.Level` but without values of single parts."""
 
     target: Mapping[str, Any]
     line: Mapping[str, Any]
@@ -106,7 +106,7 @@ def run_on_ranks(
 
 
 def read_shared_mesh(source: str, ranks: Ranks) -> DistributedMesh:
-    """Read a distributed mesh: pieces by their ranks, any other file or a sample by rank 0."""
+    """Read a distributed mesh: a ``.pvtu`` file on all ranks, any other file or a sample on rank 0."""
     from agglo_core.distributed import DistributedMesh, read
 
     if source.lower().endswith(".pvtu"):
@@ -117,7 +117,7 @@ def read_shared_mesh(source: str, ranks: Ranks) -> DistributedMesh:
 
 
 def warm_up_in_turn(given: Mapping[str, Any], ranks: Ranks) -> None:
-    """Compile kernels on rank 0 first, so that the other ranks find them on disk."""
+    """Compile the kernels on rank 0 first, so that the other ranks read them from the disk cache."""
     with ranks.together():
         try:
             if ranks.rank == 0:
@@ -131,7 +131,7 @@ def warm_up_in_turn(given: Mapping[str, Any], ranks: Ranks) -> None:
 def agglomerate_on_ranks(
     mesh: DistributedMesh, given: Mapping[str, Any], independent: bool, progress: Any
 ) -> tuple[DistributedHierarchy, float]:
-    """Return the hierarchy, and the seconds until the last rank has finished."""
+    """Agglomerate a distributed mesh, and return the hierarchy and the time of the slowest rank."""
     from agglo_core.agglomeration import Pipeline
     from agglo_core.agglomeration.one_call import replace_keywords
     from agglo_core.distributed import agglomerate
@@ -158,7 +158,7 @@ def _levels(hierarchy: DistributedHierarchy, metrics: Sequence[Any]) -> list[_Le
 
 
 def _tell(source: str, mesh: DistributedMesh, run: Any, *, as_json: bool, quiet: bool) -> None:
-    """Print the table or JSON of ``agglo run``, with the number of ranks."""
+    """Print the results of ``agglo run`` with the number of ranks, as a table or as JSON."""
     name, size = mesh.local.name or source, mesh.ranks.size
     if as_json:
         levels = [level_data(level) for level in run.levels]

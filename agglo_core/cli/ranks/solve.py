@@ -1,4 +1,4 @@
-"""``agglo solve`` on several ranks: each rank solves for its own cells, and rank 0 reports.
+"""``agglo solve`` on several MPI ranks: each rank solves on its own cells, and rank 0 reports.
 
 A distributed solver has a method ``solve_across(problem, hierarchy, progress)`` for a distributed
 hierarchy. ``x`` in its result holds the unknowns of own cells by increasing global id.
@@ -30,7 +30,7 @@ _COLUMNS = 80  # maximum width of the text
 
 
 def solves_across(tool: object) -> bool:
-    """Return True if this process is one of several and the solver supports distributed meshes."""
+    """Return True if there are several MPI ranks and the solver supports distributed meshes."""
     shares = hasattr(tool, "solve_across") and getattr(tool, "ranks", "one") == "one"
     return find_launch() is not None and shares
 
@@ -101,7 +101,10 @@ def solve_on_ranks(
 def _report(
     solution: Any, norms: Mapping[str, float], hierarchy: DistributedHierarchy, seconds: float
 ) -> dict[str, Any]:
-    """Return the data of a solution under the keys of :func:`agglo_core.solvers.solution_report.report`."""
+    """Return the report data of a distributed solution, with the same keys as without ranks.
+
+    They are those of :func:`agglo_core.solvers.solution_report.report`.
+    """
     from agglo_core.solvers.solution_report import error_entries
 
     cells = [hierarchy.mesh.n_cells, *hierarchy.parts]

@@ -1,1 +1,1 @@
-"""Solver, problem, runs and files of the commands that solve."""
+"""Common parts of the commands that solve: solver, problem, runs and files."""

@@ -1,4 +1,4 @@
-"""Choice of solver, problem and discretisation for commands that solve."""
+"""Choice of solver, problem and discretisation on the command line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DEFAULT_SOLVER = "polydg_mg"
 
 @dataclass(frozen=True)
 class Posed:
-    """Problem on a mesh for a solver, with the discretisation ``how`` if available."""
+    """Problem on a mesh with the discretisation ``how`` of the solver, if it has one."""
 
     problem: Problem
     mesh: Mesh
@@ -29,7 +29,7 @@ class Posed:
     solver: str
 
     def refuse_without_meaning(self, options: str) -> None:
-        """Raise OptionError if there is no discretisation to interpret the unknowns for these options."""
+        """Raise OptionError for options that need a discretisation if the solver has none."""
         if self.how is None:
             raise OptionError(
                 f"{self.solver} has no discretisation to interpret the unknowns of problem "
@@ -37,7 +37,7 @@ class Posed:
             )
 
     def system(self) -> System:
-        """Return matrix and right-hand side, as assembled by the discretisation or as given.
+        """Return matrix and right-hand side, from the discretisation or as given by the problem.
 
         Raises
         ------
@@ -61,12 +61,12 @@ class Posed:
 
 
 def solver_title(spec: str) -> str:
-    """Return the title of a solver as typed, for messages."""
+    """Return the name of a solver for messages, from its description on the command line."""
     return describe(default().record("solver", as_typed(spec)[0]))
 
 
 def build_solver(spec: str, given: Mapping[str, Any], flag: str = "--solver") -> Any:
-    """Build the solver as typed, with further options from own flags.
+    """Build a solver from a text such as ``"name:option=value"`` and options from separate flags.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def build_solver(spec: str, given: Mapping[str, Any], flag: str = "--solver") ->
 
 
 def pose_problem(text: str, mesh: Mesh, tool: object, solver: str, *, allow_code: bool) -> Posed:
-    """Build the problem for a name or file, and check that the solver accepts it.
+    """Build the problem from its name or file, and check that the solver accepts it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Files of ``agglo solve``: convergence picture and report."""
+"""Output of ``agglo solve``: convergence picture and report."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _HIERARCHY = "hierarchy"
 
 
 def check_more(history: Path | None, report: Path | None) -> None:
-    """Raise FileError if picture or report cannot be written, as far as foreseeable."""
+    """Raise FileError if picture or report can foreseeably not be written."""
     if history is not None:
         check_picture(history, "--plot-convergence")
     if report is not None:
@@ -28,7 +28,7 @@ def check_more(history: Path | None, report: Path | None) -> None:
 
 
 def levelless_run(mesh: Mesh) -> RunResult:
-    """Return a hierarchy without levels, for solvers that need none or build their own."""
+    """Return a run without levels, for solvers that need none or build their own."""
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.measure.comparison import RunResult
 
@@ -36,7 +36,7 @@ def levelless_run(mesh: Mesh) -> RunResult:
 
 
 def levels_run(mesh: Mesh, agglomeration: Mapping[str, Any], progress: Listener | None) -> RunResult:
-    """Build the requested hierarchy and time it, without measuring."""
+    """Build the hierarchy and measure the time, without metrics of the levels."""
     from agglo_core.agglomeration import agglomerate
     from agglo_core.measure.comparison import RunResult
 
@@ -47,7 +47,7 @@ def levels_run(mesh: Mesh, agglomeration: Mapping[str, Any], progress: Listener 
 
 
 def with_hierarchy(solution: Solution, made: RunResult) -> Solution:
-    """Add the hierarchy's seconds to a solution if levels were built."""
+    """Add the time to build the hierarchy to a solution, if it has levels."""
     if made.hierarchy is None or not made.hierarchy.levels:
         return solution
     return replace(
@@ -60,7 +60,7 @@ def with_hierarchy(solution: Solution, made: RunResult) -> Solution:
 def draw_history(
     outputs: Outputs, path: Path, title: str, solutions: Mapping[str, Solution], progress: Listener | None
 ) -> None:
-    """Draw the convergence picture."""
+    """Draw residuals and energy errors against the iteration, and write the picture."""
     from agglo_core.draw.convergence import draw_convergence
 
     with phase(progress, "drawing", path.name):

@@ -1,4 +1,4 @@
-"""Solves with the hierarchy of each run in ``agglo compare --solve``, with costs."""
+"""Solutions with the hierarchy of each run in ``agglo compare --solve``, with their costs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _COLUMNS = ("iterations", "converged", "contraction", "hierarchy s", "set-up s",
 
 @dataclass(frozen=True)
 class Solved:
-    """Result of a solver with a hierarchy, or the ``error`` that ended it.
+    """Iterations, convergence and cost of a solver with one hierarchy, or its error message.
 
     ``contraction`` is the geometric mean of the factors by which an iteration reduces the residual's 2-norm.
     ``seconds`` are CPU seconds for the hierarchy, for everything before the iteration (assembly included,
@@ -45,7 +45,7 @@ class Solved:
     details: Mapping[str, Any] = field(default_factory=dict)
 
     def data(self) -> dict[str, Any]:
-        """Return plain data, as in ``--json``."""
+        """Return the result in JSON types, as printed by ``--json``."""
         return {
             "iterations": self.iterations,
             "converged": self.converged,
@@ -56,7 +56,7 @@ class Solved:
         }
 
     def cells(self) -> list[str]:
-        """Return the cells of its table row."""
+        """Return the texts of its row in the table."""
         if self.error:
             return ["–"] * len(_COLUMNS)
         state = [number(self.iterations), "yes" if self.converged else "no"]
@@ -65,13 +65,13 @@ class Solved:
 
     @property
     def remark(self) -> str:
-        """Remark below the table, empty if the solver converged."""
+        """Remark below the table: the error or the reason of no convergence, else empty."""
         return self.error or ("" if self.converged else f"not converged: {self.reason}")
 
 
 @dataclass
 class _Clock:
-    """Listener that forwards progress and measures the CPU time of the last phase."""
+    """Progress listener that measures the CPU time of the last phase, and forwards all reports."""
 
     listen: Listener | None
     seconds: float = 0.0
@@ -98,14 +98,14 @@ def solve_runs(
     *,
     detailed: bool = False,
 ) -> list[Solved]:
-    """Solve with the hierarchy of each run after a warm-up. A failure becomes a result with its reason."""
+    """Solve a problem with the hierarchy of each run. Failures become results with their reason."""
     solver = Member(tool, solver_title(spec))
     _warm_up(solver, posed)
     return [_attempt(solver, posed, run, labelled(progress, run.name), detailed) for run in runs]
 
 
 def collect_reports(runs: Sequence[RunResult], solved: Sequence[Solved]) -> dict[str, Mapping[str, Any]]:
-    """Return the report data of each solved run by run name."""
+    """Return the report data of the solution with each run, by name of the run."""
     pairs = zip(runs, solved, strict=False)
     return {run.name: result.details or {"error": result.error} for run, result in pairs if not run.error}
 
@@ -163,7 +163,7 @@ def _contraction(solution: Solution) -> float | None:
 
 
 def _warm_up(solver: Member, posed: Posed) -> None:
-    """Solve tiny examples, to keep imports and compilation out of the first solution's time."""
+    """Solve tiny examples, to keep imports and compilation out of the time of the first solution."""
     from agglo_core import samples
     from agglo_core.problems.solving import run_solver
 
@@ -183,7 +183,7 @@ def _agglomerate_small_mesh(mesh: Any) -> Hierarchy:
 
 
 def show_solved(spec: str, problem: str, runs: Sequence[RunResult], solved: Sequence[Solved]) -> None:
-    """Print a line per run with the metrics of its finest level, and the reasons of failures."""
+    """Print a table with cost and shape metrics of each run, and the reasons of failures."""
     first_level = next(level for run in runs for level in run.levels)
     metrics = list(first_level.metrics)
     rows = []
