@@ -1,1 +1,1 @@
-"""Pictures of meshes and levels, box plots, and the report as a web page."""
+"""Pictures of meshes, levels and solutions, box plots, and the report as a web page."""

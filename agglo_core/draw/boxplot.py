@@ -1,4 +1,4 @@
-"""Box plots for quality metrics per run, as in the paper."""
+"""Box plots of quality metrics for each run, as in the paper."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def draw_boxes(
     metrics: Sequence[str] = ("UF", "CR"),
     title: str = "",
 ) -> None:
-    """Draw one panel per metric with one box per run, and write the picture.
+    """Draw box plots of quality metrics, one panel per metric with one box per run, and write the picture.
 
     Boxes span the quartiles, whiskers reach 1.5 box lengths further, lines are medians, diamonds means.
 

@@ -1,4 +1,4 @@
-"""Colours: palettes, colourings of agglomerates, tags with legend, numbers with colour bar."""
+"""Colours of cells and agglomerates: by neighbours, by tag with a legend, by number with a colour bar."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def rgb(colour: str) -> Float:
 
 
 def colouring(mesh: Mesh, n_colours: int) -> Int:
-    """Colour each cell ``(n_cells,)`` differently from its neighbours as far as colours suffice.
+    """Colour cells ``(n_cells,)`` so that neighbours differ, as far as ``n_colours`` colours suffice.
 
     Greedy colouring in rounds (Jones and Plassmann): in each round, the cells that precede all uncoloured
     neighbours take a free colour. Cells with many neighbours come first.
@@ -77,7 +77,7 @@ _UNDEFINED = "#BBBBBB"
 
 
 class Paint(NamedTuple):
-    """Colour of each cell or agglomerate.
+    """Colours of cells or agglomerates, with their legend or scale.
 
     ``colours (n,)`` are indices into ``palette``. ``names`` are the legend entries of the colours. ``limits``
     are the numbers at both ends of a colour scale, and ``scale`` is its matplotlib colour map.
@@ -92,18 +92,18 @@ class Paint(NamedTuple):
 
     @property
     def rows(self) -> Float:
-        """Red, green and blue of each cell ``(n, 3)``, from 0 to 1."""
+        """Red, green and blue values of each cell ``(n, 3)``, from 0 to 1."""
         tones: Float = np.array([rgb(tone) for tone in self.palette])
         return tones[self.colours]
 
 
 def by_neighbours(mesh: Mesh) -> Paint:
-    """Return colours without meaning, different for neighbours."""
+    """Return arbitrary colours that differ between neighbour cells."""
     return Paint(colouring(mesh, len(PALETTE)), PALETTE)
 
 
 def by_tag(tags: Int, label: str, cmap: str = "viridis") -> Paint:
-    """Return a colour per tag value ``(n,)``, or a colour scale for more values than colours."""
+    """Return colours by tag value ``(n,)``, or a colour scale if there are too many values."""
     values, colours = np.unique(tags, return_inverse=True)
     if len(values) > len(PALETTE):
         return by_number(tags.astype(float), label, cmap)
@@ -111,7 +111,7 @@ def by_tag(tags: Int, label: str, cmap: str = "viridis") -> Paint:
 
 
 def by_number(values: ArrayLike, label: str = "", cmap: str = "viridis") -> Paint:
-    """Return numbers ``(n,)`` on a colour scale, grey where not finite.
+    """Return colours of numbers ``(n,)`` on a colour scale, grey for NaN and infinities.
 
     Raises
     ------
@@ -137,12 +137,12 @@ def by_number(values: ArrayLike, label: str = "", cmap: str = "viridis") -> Pain
 
 
 def blank(count: int) -> Paint:
-    """Return a blank paint for ``count`` cells."""
+    """Return the background colour for ``count`` cells."""
     return Paint(np.zeros(count, np.int64), (PAPER,))
 
 
 def explain(axis: Any, paint: Paint) -> None:
-    """Add legend or colour bar to a plot, if the paint's colours have a meaning."""
+    """Add a legend or colour bar to a plot if its colours have a meaning."""
     if paint.names:
         from matplotlib.patches import Patch
 

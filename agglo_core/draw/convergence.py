@@ -22,7 +22,7 @@ MARKED = 40
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Convergence curves of a solution.
+    """Convergence curves of a solver: residuals and energy errors for each iteration.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Curves:
 
     @classmethod
     def of(cls, solution: Solution) -> Curves:
-        """Return the curves of a solution."""
+        """Return the convergence curves of a solution."""
         return cls.made(
             solution.residuals,
             solution.energy_errors,
@@ -58,7 +58,7 @@ class Curves:
         contraction: float | None,
         tolerance: float | None,
     ) -> Curves:
-        """Return the curves from report data, with ``last`` as the final energy error."""
+        """Return convergence curves from report data, with ``last`` as the final energy error."""
         sizes, energy_errors = (
             np.asarray(values, dtype=np.float64).ravel() for values in (residuals, errors)
         )
@@ -120,7 +120,7 @@ def draw_convergence(
 
 
 def frame_curves(axis: Any, curves: Sequence[Curves]) -> None:
-    """Set scales, labels and grid of a convergence picture, with a line per tolerance."""
+    """Set scales, labels and grid of a convergence picture, with a dotted line for each tolerance."""
     from matplotlib.ticker import MaxNLocator
 
     axis.set_yscale("log")
@@ -146,7 +146,7 @@ def frame_curves(axis: Any, curves: Sequence[Curves]) -> None:
 
 
 def one_curve(axis: Any, name: str, curves: Curves, colour: str = LINES[0]) -> None:
-    """Draw residuals and energy errors of a solver with legend entry ``name``."""
+    """Draw residuals and energy errors of one solver, with ``name`` in the legend."""
     name = f"{name}: " if name else ""
     # Solid line: residuals.
     steps = np.arange(len(curves.residuals))

@@ -1,4 +1,4 @@
-"""Placement of labels for dots without overlap of labels or dots."""
+"""Placement of text labels beside the dots of a scatter plot, without overlaps."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _FAR: Final = 0.4  # maximum distance of a label, relative to the picture size
 
 
 def label_places(dots: Float, sizes: Float, frame: Float, gap: float, lines: Float | None = None) -> Float:
-    """Return the lower left corners ``(n, 2)`` of labels, each as near to its dot as possible.
+    """Return the lower left corner ``(n, 2)`` of each label, as near to its dot as possible.
 
     Labels are placed one by one, beginning with the most crowded dots. Each takes the nearest place in the
     frame that overlaps no dot, line or label, or else the place with least overlap. Other orders are tried if
@@ -45,7 +45,7 @@ def label_places(dots: Float, sizes: Float, frame: Float, gap: float, lines: Flo
 
 
 def overlaps(boxes: Float, others: Float) -> Float:
-    """Return the area ``(n,)`` that each box in ``(n, 4)`` shares with the others ``(m, 4)``.
+    """Return for each box in ``(n, 4)`` the total area of its intersections with the others ``(m, 4)``.
 
     A box is given by its lower left and upper right corner.
     """
@@ -56,13 +56,13 @@ def overlaps(boxes: Float, others: Float) -> Float:
 
 
 def stair_boxes(corners: Float, width: float) -> Float:
-    """Return boxes ``(n - 1, 4)`` around the lines between successive corners ``(n, 2)``."""
+    """Return narrow boxes ``(n - 1, 4)`` around the segments between successive corners ``(n, 2)``."""
     low, high = np.minimum(corners[:-1], corners[1:]), np.maximum(corners[:-1], corners[1:])
     return frozen_float(np.concatenate([low - width / 2, high + width / 2], axis=1))
 
 
 def ties(dots: Float, sizes: Float, places: Float, gap: float) -> dict[int, Float]:
-    """Return the end at the label for each label that needs a line to its dot.
+    """Return the end of the connecting line at each label that needs a line to its dot.
 
     A line is needed if a label is far from its dot, or almost as near to another dot.
     """
@@ -77,7 +77,7 @@ def ties(dots: Float, sizes: Float, places: Float, gap: float) -> dict[int, Floa
 
 
 def _orders(dots: Float) -> Iterator[Int]:
-    """Yield the order by crowding, then some random orders."""
+    """Yield orders in which to place labels: most crowded dots first, then at random."""
     away = np.linalg.norm(dots[:, None] - dots[None, :], axis=2)
     nearness = (1.0 / (away + 1e-3 * (away.max(initial=0.0) or 1.0))).sum(axis=1)
     first = np.argsort(-nearness, kind="stable")
@@ -90,7 +90,7 @@ def _orders(dots: Float) -> Iterator[Int]:
 def _place_in_order(
     order: Int, dots: Float, sizes: Float, frame: Float, gap: float, lines: Float | None
 ) -> tuple[Float, float]:
-    """Place labels in the given order. Return the places and the total overlap."""
+    """Place labels one by one in the given order. Return their corners and the total overlap."""
     circles = np.concatenate([dots - gap, dots + gap], axis=1)
     obstacles = circles if lines is None else np.concatenate([circles, lines])
     labels, corners, total = np.empty((0, 4)), np.zeros((len(dots), 2)), 0.0
@@ -106,7 +106,7 @@ def _place_in_order(
 
 
 def _thread(dot: Float, box: Float, gap: float) -> Float:
-    """Return small boxes ``(n, 4)`` along the line from a dot to its label."""
+    """Return small boxes ``(n, 4)`` that cover the line from a dot to its label."""
     end = np.clip(dot, box[:2], box[2:])
     beads = max(1, round(float(np.linalg.norm(end - dot)) / (0.5 * gap)))
     way = dot + np.linspace(0.0, 1.0, beads + 1)[1:, None] * (end - dot)
@@ -116,7 +116,7 @@ def _thread(dot: Float, box: Float, gap: float) -> Float:
 def _corner(
     dot: Float, size: Float, frame: Float, obstacles: tuple[Float, Float], gap: float
 ) -> tuple[Float, float]:
-    """Return the corner of the nearest free place, and its overlap.
+    """Return the lower left corner of the best place for one label, and its overlap with obstacles.
 
     ``obstacles`` are the boxes to avoid by the label, and by the line to the label.
     """
@@ -134,7 +134,7 @@ def _corner(
 
 
 def _candidates(dot: Float, size: Float, gap: float, max_radius: float) -> Float:
-    """Return boxes ``(n, 4)`` for a label in growing rings around its dot, by preference."""
+    """Return possible boxes ``(n, 4)`` for a label, in rings of growing radius around its dot."""
     angles = np.pi * np.array(_TURNS) / 12.0
     ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     rings = np.arange(1.5 * gap, max_radius, gap)[:, None, None]

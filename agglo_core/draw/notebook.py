@@ -1,4 +1,4 @@
-"""HTML for notebooks: small picture and table of a mesh, hierarchy, quality or solution."""
+"""HTML display in notebooks: picture and table of a mesh, hierarchy, quality or solution."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _COLOURS = 64  # palette size of a picture
 def inline_picture(
     draw: Sequence[Callable[[Any], None]], about: str, *, width: float, ratio: float
 ) -> tuple[str, str]:
-    """Return an ``img`` element with panels side by side, or the reason for its absence.
+    """Return an HTML image with panels side by side, or the reason why there is none.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def inline_picture(
 
 
 def _png(figure: Any) -> bytes:
-    """Return a figure as PNG with few colours (a third of the size), shrunk if necessary."""
+    """Return a figure as a PNG file with few colours (a third of the size), reduced if still too large."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
@@ -90,7 +90,7 @@ _PANELS = 3  # half the maximum number of histograms
 
 
 def mesh_html(mesh: Mesh) -> str:
-    """Return the mesh as HTML."""
+    """Return picture and table of a mesh as HTML."""
     low, high = (end(mesh.points[mesh.face_vertices], axis=0) for end in (np.min, np.max))
     rows = [
         ("cells", f"{mesh.n_cells:,}"),
@@ -108,7 +108,7 @@ def mesh_html(mesh: Mesh) -> str:
 
 
 def hierarchy_html(hierarchy: Hierarchy) -> str:
-    """Return the levels as HTML."""
+    """Return picture and table of the levels of a hierarchy as HTML."""
     n, part_counts = hierarchy.graph.n, hierarchy.parts[:_LISTED]
     rows = [
         (str(level), f"{parts:,}", f"{n / parts:,.1f}", _target(hierarchy.targets[level]))
@@ -129,7 +129,7 @@ def hierarchy_html(hierarchy: Hierarchy) -> str:
 
 
 def quality_html(values: Mapping[str, Float]) -> str:
-    """Return metric values on agglomerates as HTML, with histograms."""
+    """Return means, extrema and histograms of metrics on agglomerates as HTML."""
     count = len(next(iter(values.values()), ()))
     rows, finite_values = [], {}
     for name, column in _first(values):
@@ -148,7 +148,7 @@ def quality_html(values: Mapping[str, Float]) -> str:
 
 
 def solution_html(solution: Solution) -> str:
-    """Return a solution's outcome and residuals as HTML."""
+    """Return the outcome, cost and residuals of a solver as HTML."""
     first, last = solution.residuals[[0, -1]] if len(solution.residuals) else (np.nan, np.nan)
     entries: Mapping[str, Any] = {
         "unknowns": f"{solution.x.shape[0]:,}",
@@ -175,7 +175,7 @@ def solution_html(solution: Solution) -> str:
 
 
 def _draw_picture(mesh: Mesh, instead: str, draw: Sequence[Callable[[Any, Any], None]]) -> tuple[str, str]:
-    """Return a picture with mesh panels, or the reason for its absence."""
+    """Return a picture of a mesh or its levels as HTML, or the reason why there is none."""
     if mesh.n_cells > _MOST:
         return "", f"{mesh.n_cells:,} cells: no automatic picture above {_MOST:,}; {instead} draws one"
     if not draw:
@@ -219,7 +219,7 @@ def _histogram(name: str, values: Float) -> Callable[[Any], None]:
 
 
 def _spread(count: int) -> list[int]:
-    """Return at most three of ``count`` levels: first, middle, last."""
+    """Return the indices of at most three of ``count`` levels: first, middle, last."""
     return sorted({0, count // 2, count - 1}) if count else []
 
 

@@ -1,4 +1,4 @@
-"""Meshes, levels, functions and convergence on matplotlib axes: the ``plot`` methods."""
+"""Drawing of meshes, levels, functions and convergence on matplotlib axes, for the ``plot`` methods."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def plot_convergence(solution: Solution, ax: Any = None) -> Any:
 
 
 def check_axes(ax: Any) -> None:
-    """Raise OptionError without matplotlib, or unless ``ax`` are 2-D axes or None."""
+    """Raise OptionError without matplotlib, or if ``ax`` is neither 2-D axes nor None."""
     try:
         from matplotlib.axes import Axes
     except ImportError as error:
@@ -137,14 +137,14 @@ def check_axes(ax: Any) -> None:
 
 
 def new_axes() -> Any:
-    """Return axes of a new pyplot figure, shown by notebooks and ``plt.show()``."""
+    """Return the axes of a new pyplot figure, which notebooks and ``plt.show()`` display."""
     from matplotlib import pyplot
 
     return pyplot.figure(layout="constrained").add_subplot()
 
 
 def _check_values(values: ArrayLike, count: int, entity: str) -> Any:
-    """Return values as numbers ``(count,)`` with NaN for masked values, or raise OptionError."""
+    """Return values as floats ``(count,)``, with NaN for masked ones. A wrong shape raises OptionError."""
     if is_masked_array(values):
         values = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)  # drawn in grey, like NaN
     name = f"values (a name or numbers, one for each {entity})"

@@ -1,4 +1,4 @@
-"""Pareto pictures: roundness, evenness and speed of runs, with the Pareto front."""
+"""Scatter plots of runs by roundness, evenness and computing time, with the Pareto front."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MARGIN: Final = 0.16  # margin of an axis, relative to its range of values
 
 
 def draw_pareto(runs: Sequence[RunResult], path: str | os.PathLike[str], title: str = "") -> None:
-    """Draw roundness against evenness of finest levels, coloured by seconds, and write the picture.
+    """Draw runs by roundness and evenness of their finest level, coloured by time, and write the picture.
 
     Up and to the right is better: axes where less is better are reversed. The axes are defined by
     :func:`~agglo_core.measure.trade_offs.trade_offs`.
@@ -68,7 +68,7 @@ def draw_pareto(runs: Sequence[RunResult], path: str | os.PathLike[str], title: 
 
 
 def reach(axis: Axis) -> tuple[float, float]:
-    """Return the ends of an axis around its values, the worse end first."""
+    """Return the limits of an axis around its values, the worse end first."""
     low, high = float(axis.values.min()), float(axis.values.max())
     room = _MARGIN * (high - low) if high - low > 1e-6 * abs(high) else 0.05 * abs(high) or 0.05
     ends = low - room, high + room
@@ -76,12 +76,12 @@ def reach(axis: Axis) -> tuple[float, float]:
 
 
 def sense(axis: Axis) -> str:
-    """Return the label of an axis with its better direction."""
+    """Return the label of an axis, with a remark if lower values are better."""
     return axis.label if axis.high else f"{axis.label} (lower is better)"
 
 
 def stairs(found: TradeOffs) -> Float:
-    """Return the vertices ``(n, 2)`` of the staircase under the Pareto front."""
+    """Return the vertices ``(n, 2)`` of the Pareto front, drawn as a staircase."""
     front = found.front
     x, y = found.evenness.values[front], found.roundness.values[front]
     far, low = reach(found.evenness)[0], reach(found.roundness)[0]
@@ -125,7 +125,7 @@ def _axes(axis: Any, tradeoffs: TradeOffs) -> None:
 
 
 def _labels(figure: Any, axis: Any, tradeoffs: TradeOffs) -> None:
-    """Place the labels, with thin lines to distant dots."""
+    """Place the names of the runs beside their dots, with thin lines to distant dots."""
     style = {"fontsize": 8, "color": INK, "zorder": 4}
     texts = [
         axis.text(0.5, 0.5, short_name(name), transform=axis.transAxes, **style) for name in tradeoffs.labels

@@ -1,4 +1,4 @@
-"""Panels of 2-D meshes: cells filled by agglomerate, outlines, fine edges."""
+"""Drawing of 2-D meshes on axes: cells filled by agglomerate, outlines, cell edges."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _AT_ONCE = 1000  # edges per path
 
 
 class PlanePanels:
-    """Panels of a 2-D mesh.
+    """Drawing of a 2-D mesh and its levels on matplotlib axes.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class PlanePanels:
         """Ratio of height to width."""
 
     def fine(self, axis: Any, paint: Paint | None = None) -> None:
-        """Draw the mesh, with or without paint."""
+        """Draw the fine mesh, coloured by ``paint`` if given."""
         whole = self.mesh.coarsen(np.zeros(self.mesh.n_cells, np.int64))
         if paint is None:
             _fill(axis, whole, blank(1))
@@ -42,7 +42,7 @@ class PlanePanels:
         self._frame(axis)
 
     def level(self, axis: Any, labels: Int, paint: Paint | None = None) -> None:
-        """Draw the agglomerates of a level, painted, or in colours that differ between neighbours."""
+        """Draw the agglomerates of a level, coloured by ``paint`` or so that neighbours differ."""
         coarse = self.mesh.coarsen(labels)
         _fill(axis, coarse, by_neighbours(coarse) if paint is None else paint)
         fine_edges(axis, self.mesh)
@@ -59,13 +59,13 @@ class PlanePanels:
 
 
 def fine_edges(axis: Any, mesh: Mesh) -> None:
-    """Draw faint cell edges above filled cells, unless cells are too small."""
+    """Draw faint cell edges over filled agglomerates, unless the cells are too small to be seen."""
     if _cell_size(axis, mesh.n_cells) >= _SEEN:
         _edges(axis, mesh, FINE, 0.5 * _line_width(axis, mesh.n_cells, 0.6), alpha=0.35)
 
 
 def _fill(axis: Any, mesh: Mesh, paint: Paint) -> None:
-    """Fill the cells with one path per colour, whatever the number of cells.
+    """Fill all cells, with a single matplotlib path for each colour.
 
     Holes stay open.
     """
@@ -91,7 +91,7 @@ def _fill(axis: Any, mesh: Mesh, paint: Paint) -> None:
 
 
 def _edges(axis: Any, mesh: Mesh, colour: str, width: float, alpha: float = 1.0) -> None:
-    """Draw the edges, a thousand per path, because matplotlib makes an object per path."""
+    """Draw the mesh edges, a thousand per matplotlib path, because each path is a costly object."""
     from matplotlib.collections import PathCollection
     from matplotlib.path import Path as Outline
 
@@ -111,17 +111,17 @@ def _edges(axis: Any, mesh: Mesh, colour: str, width: float, alpha: float = 1.0)
 
 
 def _line_width(axis: Any, n_cells: int, most: float) -> float:
-    """Return a line width in points that leaves cells visible, 0 for tiny cells."""
+    """Return a line width in points that leaves the cells visible, 0 for tiny cells."""
     cell = _cell_size(axis, n_cells)
     return 0.0 if cell < 0.7 else float(min(most, 0.08 * cell + 0.05))
 
 
 def _cell_size(axis: Any, n_cells: int) -> float:
-    """Return the approximate cell size in points, for this number of cells."""
+    """Return the approximate cell size in points on axes that show this number of cells."""
     return float(72.0 * width_in_inches(axis) / np.sqrt(n_cells))
 
 
 def width_in_inches(axis: Any) -> float:
-    """Return the width of axes in their figure, before legends or bars are added."""
+    """Return the width of axes in inches, before legends or colour bars are added."""
     grid, whole = axis.get_gridspec(), axis.figure.bbox.width / axis.figure.dpi
     return float(whole * axis.get_position().width if grid is None else whole / grid.ncols)

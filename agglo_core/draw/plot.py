@@ -143,7 +143,7 @@ def draw_mesh(mesh: Mesh, path: str | os.PathLike[str], section: Sequence[float]
 def _panels(
     panels: PlanePanels | SolidPanels, rows: int, columns: int, width: float, title: float = 0.55
 ) -> tuple[Any, Any]:
-    """Return a figure outside pyplot and its axes ``(rows, columns)``, with sizes in inches."""
+    """Return a figure with axes ``(rows, columns)`` for pictures of a mesh. Sizes are in inches."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -160,7 +160,7 @@ def _panels(
 def panels_of(
     mesh: Mesh, explode: float | None = None, section: Sequence[float] | None = None
 ) -> PlanePanels | SolidPanels:
-    """Return mesh panels, or raise OptionError for 3-D options on a 2-D mesh.
+    """Return an object that draws a mesh on axes, or raise OptionError for 3-D options in 2-D.
 
     Examples
     --------
@@ -200,7 +200,7 @@ def short_name(text: str, most: int = 34) -> str:
 
 
 def _title(level: Level, usual: bool) -> str:
-    """Return a level's title. With ``usual``, show only the default metrics."""
+    """Return the title of a level: target, number of parts, means of metrics (``usual``: default ones)."""
     line = level.line
     parts = f"{line['parts']:,} part{'s' if line['parts'] != 1 else ''}"
     target = line["target"]
@@ -225,7 +225,7 @@ def _number(value: float | None) -> str:
 
 
 def save_figure(figure: Any, path: Path, *, palette: bool = False) -> None:
-    """Write a figure whole or not at all, in the format chosen by the suffix.
+    """Write a figure completely or not at all, in the format chosen by the suffix.
 
     Parameters
     ----------

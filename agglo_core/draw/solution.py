@@ -1,4 +1,4 @@
-"""Pictures of solutions, in 3-D on planes through the middle."""
+"""Pictures of solutions, in 3-D on three planes through the middle of the domain."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _QUADRILATERAL = (((0, 2), (0, 3), (1, 3)), ((0, 2), (1, 3), (1, 2)))
 
 
 class Slice(NamedTuple):
-    """Function on triangles in a plane, each with own corners."""
+    """Piecewise linear function on triangles in a plane, which may jump between triangles."""
 
     points: Float  # (3 t, 2)
     triangles: Int  # (t, 3)
@@ -26,7 +26,7 @@ class Slice(NamedTuple):
 
 
 def middle_slice(samples: Samples, axis: int) -> Slice:
-    """Return the function on the cut of its tetrahedra by the plane across ``axis`` through the middle.
+    """Restrict a function on tetrahedra to the plane across ``axis`` through the middle of the domain.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ _AXES = "xyz"
 
 
 def draw_solution(path: Path, samples: Samples) -> None:
-    """Draw a function with its jumps in colours, in 3-D on three planes through the middle.
+    """Draw a discontinuous function in colours, in 3-D on three planes through the middle of the domain.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def draw_solution(path: Path, samples: Samples) -> None:
 
 
 def _slices(samples: Samples) -> dict[str, Slice]:
-    """Return slices by title: the function itself, or in 3-D its values on three planes."""
+    """Return plane pictures by title: the function itself in 2-D, or three slices in 3-D."""
     if samples.points.shape[1] == 2:
         return {"": Slice(samples.points, samples.simplices, samples.values)}
     low, high = samples.points.min(axis=0), samples.points.max(axis=0)

@@ -1,1 +1,1 @@
-"""Pictures of solids: surfaces, visibility, light, scenes."""
+"""Pictures of 3-D meshes: surfaces, visibility, light, interactive views."""

@@ -1,4 +1,4 @@
-"""Depth buffer: the visible face at each pixel."""
+"""Depth buffer: for each pixel the visible face and its depth."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -11,7 +11,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @helper
 def _crossings(corners, low, high, y, crossings):
-    """Compute the sorted crossings of the row at y with a loop, and return their number.
+    """Intersect a polygon with the line at height y: sort the crossings, and return their number.
 
     The loop has the corners ``low:high``. An edge crosses the row if exactly one end lies at y or above. The
     crossing is computed from the upper end in every face, so that neighbours agree to the last bit and no
@@ -36,7 +36,7 @@ def _crossings(corners, low, high, y, crossings):
 
 @kernel
 def nearest_faces(corners, offsets, faces, planes, width, height):
-    """Return the face nearest to the eye at each pixel centre, or −1 without face.
+    """Return the face nearest to the eye at each pixel centre, or −1 if there is none.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Panels of solids: outer faces of agglomerates, moved apart, with hidden faces removed."""
+"""Drawing of 3-D meshes on axes: visible faces of agglomerates, which may be moved apart."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FINE = 2
 
 
 class SolidPanels:
-    """Panels of a 3-D mesh.
+    """Drawing of a 3-D mesh and its levels on matplotlib axes.
 
     Parameters
     ----------
@@ -51,12 +51,12 @@ class SolidPanels:
         """Ratio of height to width."""
 
     def fine(self, axis: Any, paint: Paint | None = None) -> None:
-        """Draw the mesh in one piece, with or without paint."""
+        """Draw the surface of the mesh, coloured by ``paint`` if given."""
         rows = (blank(self.mesh.n_cells) if paint is None else paint).rows
         self._show(axis, self.whole, rows[self.whole.cells])
 
     def level(self, axis: Any, labels: Int, paint: Paint | None = None) -> None:
-        """Draw the agglomerates of a level, moved apart, painted or in neighbour colours."""
+        """Draw the agglomerates of a level apart, coloured by ``paint`` or so that neighbours differ."""
         surface = outer_faces(self.mesh, labels, self.explode, self.kept)
         rows = (by_neighbours(self.mesh.coarsen(labels)) if paint is None else paint).rows
         self._show(axis, surface, rows[surface.parts])

@@ -1,4 +1,4 @@
-"""Interactive or stored pyvista views of agglomerates in 3-D."""
+"""Views of agglomerates in 3-D by pyvista, in an interactive window or as a picture."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def view(
     section: Sequence[float] | None = None,
     path: str | os.PathLike[str] | None = None,
 ) -> None:
-    """Show a level of a solid in an interactive window, or write a picture.
+    """Show a level of a 3-D mesh in an interactive window, or write a picture.
 
     The window has sliders for level and explosion. With a section, the mesh is cut by a movable plane.
 
@@ -111,7 +111,7 @@ def _check_suffix(path: Path) -> Path:
 
 
 def _plotter(path: Path | None) -> Any:
-    """Return an empty pyvista scene, off-screen for a picture."""
+    """Return an empty pyvista scene, without a window if a picture is to be written."""
     try:
         import pyvista
     except ImportError as error:
@@ -124,13 +124,13 @@ def _plotter(path: Path | None) -> Any:
 
 
 def _tones(mesh: Mesh, labels: Int) -> Any:
-    """Return the colour of each part ``(k, 3)`` as bytes."""
+    """Return a colour for each part ``(k, 3)``, as red, green and blue from 0 to 255."""
     tones: Float = np.array([rgb(colour) for colour in PALETTE])
     return np.rint(255.0 * tones[colouring(mesh.coarsen(labels), len(PALETTE))]).astype(np.uint8)
 
 
 def _parts(plotter: Any, mesh: Mesh, labels: Int, explode: float) -> None:
-    """Replace the outer faces of parts in the scene."""
+    """Draw the outer faces of the parts in the scene, and replace those drawn before."""
     import pyvista
 
     surface = outer_faces(mesh, labels, explode)
@@ -142,7 +142,7 @@ def _parts(plotter: Any, mesh: Mesh, labels: Int, explode: float) -> None:
 
 
 def _add_cut_mesh(plotter: Any, mesh: Mesh, labels: Int, normal: Float, *, moves: bool) -> None:
-    """Add the mesh cut by a plane to the scene, with a handle if the plane moves."""
+    """Add the mesh on one side of a plane to the scene, with a handle to move the plane if ``moves``."""
     grid = to_pyvista(mesh)
     grid.cell_data["colour"] = _tones(mesh, labels)[labels]
     place = {"normal": normal, "origin": mesh.origin}
@@ -153,7 +153,7 @@ def _add_cut_mesh(plotter: Any, mesh: Mesh, labels: Int, normal: Float, *, moves
 
 
 def _sliders(plotter: Any, hierarchy: Hierarchy, level: int, explode: float) -> None:
-    """Add sliders for level and explosion at the lower edge of the window."""
+    """Add sliders for the level and for the distance between parts to the window."""
     mesh, state = _solid(hierarchy), {"level": float(level), "explode": explode}
 
     def follow(key: str) -> Callable[[float], None]:

@@ -16,7 +16,7 @@ _ROOM = 5.0  # minimum face size in pixels for cell outlines
 
 
 def brightness(surface: Surface, sight: Sight) -> Float:
-    """Return face brightness ``(f,)``, 0.5 to 1, with light from above and left of the eye."""
+    """Return the brightness of each face ``(f,)``, 0.5 to 1, with light from above and left of the viewer."""
     left = np.cross(sight.eye, np.array([0.0, 0.0, 1.0]))
     light = 2.0 * sight.eye + 0.8 * left / max(float(np.linalg.norm(left)), 1e-9) + np.array([0.0, 0.0, 1.6])
     facing: Float = surface.normals @ (light / np.linalg.norm(light))
@@ -25,7 +25,7 @@ def brightness(surface: Surface, sight: Sight) -> Float:
 
 
 def shade_faces(surface: Surface, sight: Sight, colours: Float, fine: int = 1) -> NDArray[np.uint8]:
-    """Return a picture ``(height, width, 4)`` of faces in ``colours (f, 3)``: red, green, blue, opacity.
+    """Return a picture of visible faces in ``colours (f, 3)``, as RGBA bytes ``(height, width, 4)``.
 
     Parts have dark outlines, edges and steps of a part lighter lines, and cells faint lines if large enough.
     Lines are ``fine`` pixels wide.
@@ -43,7 +43,7 @@ def shade_faces(surface: Surface, sight: Sight, colours: Float, fine: int = 1) -
 
 
 def _changes(numbers: Int) -> Mask:
-    """Mark pixels with a number different from the next pixel to the right or below."""
+    """Mark pixels whose value differs from that of the next pixel to the right or below."""
     changes = np.zeros(numbers.shape, bool)
     changes[:, :-1] |= numbers[:, :-1] != numbers[:, 1:]
     changes[:-1] |= numbers[:-1] != numbers[1:]
@@ -51,7 +51,7 @@ def _changes(numbers: Int) -> Mask:
 
 
 def _steps(surface: Surface, sight: Sight) -> Mask:
-    """Mark pixels at a change of face with a large angle or a large jump in depth."""
+    """Mark pixels between two faces that differ much in direction or in depth."""
     normals = np.concatenate((surface.normals, np.zeros((1, 3))))
     slope = np.append(1.0 / np.clip(surface.normals @ sight.eye, 0.1, None), 0.0)
     steps = np.zeros(sight.faces.shape, bool)
@@ -68,7 +68,7 @@ def _steps(surface: Surface, sight: Sight) -> Mask:
 
 
 def _widen_lines(lines: Mask, width: int) -> Mask:
-    """Widen lines of one pixel to ``width`` pixels."""
+    """Widen lines of one-pixel width to ``width`` pixels."""
     wide = lines.copy()
     for k in range(1, width):
         wide[k:] |= lines[:-k]

@@ -1,4 +1,4 @@
-"""Outer faces of parts of a solid, optionally moved apart, and their view from a side."""
+"""Outer faces of parts in 3-D, optionally moved apart, and their projection to a picture."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _EDGE_ON = 1e-6  # cosine between normal and eye
 
 @dataclass(frozen=True)
 class Surface:
-    """Outer faces of parts, as corner lists, with inside and outside.
+    """Outer faces of parts in 3-D: corners, adjacent cell and part, and normals.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Sight:
-    """Visible face and depth at each pixel.
+    """Projection of a surface to pixels: visible face and depth at each pixel.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Sight:
 
 
 def check_explode(explode: object) -> float:
-    """Return the explosion factor, or raise OptionError unless it is a number from 0 to 10."""
+    """Check the factor by which parts are moved apart: a number from 0 to 10."""
     if (
         isinstance(explode, bool)
         or not isinstance(explode, int | float | np.number)
@@ -73,7 +73,7 @@ def check_explode(explode: object) -> float:
 
 
 def outer_faces(mesh: Mesh, labels: Int, explode: float = 0.0, kept: Mask | None = None) -> Surface:
-    """Return the faces between different parts, once per side, and the boundary faces.
+    """Return the boundary faces, and the faces between different parts once for each part.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def outer_faces(mesh: Mesh, labels: Int, explode: float = 0.0, kept: Mask | None
 
 
 def _part_centres(mesh: Mesh, labels: Int) -> Float:
-    """Return the centroids of the parts relative to the mesh centroid ``(k, 3)``."""
+    """Return the centroid of each part relative to that of the mesh ``(k, 3)``."""
     volume = np.bincount(labels, mesh.cell_measures)
     moments = [np.bincount(labels, mesh.cell_measures * x) for x in mesh.local_centroids.T]
     centres: Float = np.stack(moments, axis=1) / volume[:, None]
@@ -114,7 +114,7 @@ def _part_centres(mesh: Mesh, labels: Int) -> Float:
 
 
 def mark_cells_beyond(mesh: Mesh, normal: Sequence[float]) -> Mask:
-    """Mark cells with centroid beyond the plane with this normal through the centre of the bounding box.
+    """Mark the cells whose centroid is beyond a plane with this normal through the mesh centre.
 
     Raises OptionError if the normal is not a direction, or no cell is left.
     """
@@ -128,7 +128,7 @@ def mark_cells_beyond(mesh: Mesh, normal: Sequence[float]) -> Mask:
 
 
 def axes_of(azimuth: float, elevation: float) -> Float:
-    """Return unit vectors to the right, up and towards the eye ``(3, 3)``, for angles in degrees."""
+    """Return the unit vectors to the right, up and towards the viewer ``(3, 3)``, for angles in degrees."""
     a, e = np.radians([azimuth, elevation])
     eye = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     right = np.array([-np.sin(a), np.cos(a), 0.0])
@@ -136,7 +136,7 @@ def axes_of(azimuth: float, elevation: float) -> Float:
 
 
 def project_surface(surface: Surface, side: tuple[float, float] = SIDE, pixels: int = 800) -> Sight:
-    """Return the parallel view of a surface, with a longer side of ``pixels`` pixels.
+    """Project a surface orthogonally to a picture with a longer side of ``pixels`` pixels.
 
     Faces seen from inside or edge-on are hidden.
     """
@@ -160,7 +160,10 @@ def project_surface(surface: Surface, side: tuple[float, float] = SIDE, pixels: 
 
 
 def _planes(corners: Float, offsets: Int, normals: Float) -> Float:
-    """Return face depths as linear functions of x and y ``(f, 3)``, through the corner means."""
+    """Return the depth of each face as a linear function of x and y: coefficients ``(f, 3)``.
+
+    The plane of a face passes through the mean of its corners.
+    """
     middle = np.add.reduceat(corners, offsets[:-1]) / np.diff(offsets)[:, None]
     slope = -normals[:, :2] / np.where(np.abs(normals[:, 2:]) > _EDGE_ON, normals[:, 2:], 1.0)
     flat: Float = middle[:, 2] - np.einsum("ij,ij->i", slope, middle[:, :2])

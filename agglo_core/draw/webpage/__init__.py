@@ -1,4 +1,4 @@
-"""Report as a self-contained HTML file: mesh, levels, runs, box plots, tables."""
+"""Report as one HTML file without external files: mesh, levels, runs, box plots, tables."""
 
 from agglo_core.draw.webpage.page import check_page, write_page
 

@@ -1,4 +1,4 @@
-"""Cells on the page: their order, faces of a 2-D mesh, tags."""
+"""Data of the fine mesh in the report: order of the cells, faces of a 2-D mesh, tags."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def order_along_curve(mesh: Mesh) -> Int:
 
 
 def plane_faces(mesh: Mesh, order: Int) -> dict[str, Any]:
-    """Return the faces of a 2-D mesh sorted by ``order``, and its points on a grid.
+    """Return the faces of a 2-D mesh in compact form, for cells sorted by ``order``.
 
     ``low`` is the position of the cell on the left of each face. ``gap`` is the distance in the order to the
     cell on its right, 0 for the outside. ``ends`` are the points of each face, counted back from the next new
@@ -65,7 +65,7 @@ def plane_faces(mesh: Mesh, order: Int) -> dict[str, Any]:
 
 
 def _round_to_grid(points: Float, ends: Int) -> tuple[Int, float]:
-    """Return points as integers in a step that resolves all but the very shortest faces."""
+    """Round points to an integer grid, fine enough for all but the very shortest faces."""
     low, extent = points.min(axis=0), float(np.ptp(points, axis=0).max())
     lengths = np.linalg.norm(np.diff(points[ends.reshape(-1, 2)], axis=1)[:, 0], axis=1)
     wanted = float(np.percentile(lengths, _TINY)) / _STEPS
@@ -75,7 +75,7 @@ def _round_to_grid(points: Float, ends: Int) -> tuple[Int, float]:
 
 
 def tags(mesh: Mesh, order: Int) -> list[dict[str, Any]]:
-    """Return the cell tags: few values as indices into their list, many values as numbers."""
+    """Return the cell tags in compact form: as indices if they have few values, else as numbers."""
     entries: list[dict[str, Any]] = []
     for name, values in mesh.cell_tags.items():
         distinct, places = np.unique(values[order], return_inverse=True)

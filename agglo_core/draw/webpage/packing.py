@@ -1,4 +1,4 @@
-"""Arrays for the page: deflated and base64-encoded in the smallest sufficient type.
+"""Compression of arrays in the report: smallest sufficient type, deflate, base64.
 
 ``data.js`` unpacks them.
 """
@@ -18,18 +18,18 @@ _EFFORT: Final = 5
 
 
 def integers(values: ArrayLike) -> dict[str, Any]:
-    """Pack integers from 0 to 2³² − 1."""
+    """Compress integers from 0 to 2³² − 1."""
     name, array = _shrink_type(values)
     return _compress(name, array.tobytes())
 
 
 def separate_bytes(values: ArrayLike) -> dict[str, Any]:
-    """Pack integers with mostly equal high bytes: all lowest bytes first, then the next bytes, …"""
+    """Compress integers with mostly equal high bytes: all lowest bytes first, then the next bytes, …"""
     return _separate_bytes(*_shrink_type(values))
 
 
 def differences(values: ArrayLike) -> dict[str, Any]:
-    """Pack integers that change little, by their differences.
+    """Compress integers that change little from one to the next, by their differences.
 
     Differences 0, −1, 1, −2, … are stored as 0, 1, 2, 3, …
     """
@@ -39,7 +39,7 @@ def differences(values: ArrayLike) -> dict[str, Any]:
 
 
 def reals(values: ArrayLike) -> dict[str, Any]:
-    """Pack real numbers with seven digits, byte by byte as :func:`separate_bytes`."""
+    """Compress real numbers to seven digits, byte by byte as :func:`separate_bytes`."""
     return _separate_bytes("Float32", np.asarray(values).astype("<f4"))
 
 

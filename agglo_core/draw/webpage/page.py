@@ -1,4 +1,4 @@
-"""HTML file from template, style, scripts and the data of a comparison."""
+"""HTML report from a template, a style, scripts and the data of runs."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def write_page(
     registry: Registry | None = None,
     solves: Mapping[str, Mapping[str, Any]] = _NOTHING,
 ) -> None:
-    """Write the report on runs and solutions on one mesh, whole or not at all.
+    """Write the report on runs and solutions on one mesh, completely or not at all.
 
     Plugin sections come last. A failing section becomes a note on the page and a warning in the log.
 
@@ -100,7 +100,7 @@ def write_page(
 
 
 def check_page(path: Path) -> None:
-    """Raise FileError if a report cannot be written there, as far as foreseeable."""
+    """Raise FileError if the report can foreseeably not be written to this path."""
     if path.suffix.lower() not in (".html", ".htm"):
         raise FileError(f"{path}: reports end in .html, given {path.suffix!r}")
     if not path.parent.is_dir():
@@ -132,7 +132,7 @@ def _page(
 
 
 def _of_runs(mesh: Mesh, runs: Sequence[RunResult], note: str, registry: Registry) -> dict[str, str]:
-    """Return the parts of the page on runs, and the script that draws them."""
+    """Return the parts of the report that show runs, and the script that draws them."""
     data = json.dumps(payload(mesh, runs, note), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     script = "\n".join(['"use strict";', *map(_text, _SCRIPTS[mesh.dim])])
     return {
@@ -146,7 +146,7 @@ def _of_runs(mesh: Mesh, runs: Sequence[RunResult], note: str, registry: Registr
 
 
 def _hash(text: str) -> str:
-    """Return the hash of a script or style for the content security policy."""
+    """Return the hash of a script or style, by which the browser accepts it (content security policy)."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"
 
 

@@ -1,4 +1,4 @@
-"""Report section on the trade-offs between runs, as plain SVG without script."""
+"""Report section on the trade-offs between runs: a scatter plot as SVG without script."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _SWATCHES: Final = 5  # colours in the legend
 
 
 class ParetoSection:
-    """Roundness against evenness of finest levels, coloured by seconds, with the Pareto front."""
+    """Scatter plot of runs by roundness, evenness and computing time, with the Pareto front."""
 
     title = "Round, even, fast"
 
     def html(self, mesh: Mesh, runs: Sequence[RunResult]) -> str:
-        """Return a figure with all successful runs, or an empty text for a single run."""
+        """Return the scatter plot of all successful runs as HTML, or an empty text for a single run."""
         if len(runs) < 2 or not any(run.levels for run in runs):
             return ""
         tradeoffs = trade_offs(runs)
@@ -65,7 +65,7 @@ def _picture(tradeoffs: TradeOffs) -> str:
 
 
 def _places(tradeoffs: TradeOffs, data: Float) -> Float:
-    """Return picture coordinates ``(n, 2)`` for evenness and roundness, from the lower left corner."""
+    """Return picture coordinates ``(n, 2)`` for pairs of evenness and roundness, from the lower left."""
     shares = []
     for axis, values in zip((tradeoffs.evenness, tradeoffs.roundness), data.T, strict=True):
         worse, better = reach(axis)
@@ -92,7 +92,7 @@ def _axes(tradeoffs: TradeOffs) -> Iterator[str]:
 
 
 def _ticks(axis: Axis) -> Iterator[tuple[str, float]]:
-    """Yield round values inside an axis with their relative positions."""
+    """Yield the round numbers within the limits of an axis, with their relative coordinates."""
     worse, better = reach(axis)
     span = abs(better - worse)
     power = 10.0 ** np.floor(np.log10(span / 4))
@@ -120,7 +120,7 @@ def _dots(tradeoffs: TradeOffs) -> Iterator[str]:
 
 
 def _fills(seconds: Float) -> list[str]:
-    """Return the colour of each time, on a logarithmic scale from shortest to longest."""
+    """Return a colour for each time, on a logarithmic scale from shortest to longest."""
     logs = np.log(seconds)
     shares = (logs - logs.min()) / (np.ptp(logs) or 1.0) * (len(_COLOURS) - 1)
     steps = np.arange(len(_COLOURS))

@@ -1,4 +1,4 @@
-"""JSON data for the page."""
+"""Data of the report as JSON: mesh and runs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ _ROUNDING = 1e-6  # tolerance for metric values in [0, 1]
 
 
 def payload(mesh: Mesh, runs: Sequence[RunResult], note: str = "") -> dict[str, Any]:
-    """Return mesh and runs as plain data for the page, with errors as :func:`write_page`.
+    """Return mesh and runs in JSON types for the report.
+
+    Exceptions are those of :func:`write_page`.
 
     A 2-D mesh is stored as points and faces, a solid as stills from several sides. Data of cells (labels,
     tags) are stored once, sorted by ``order``. Entry k of ``order`` is the cell number.
@@ -52,7 +54,7 @@ def _levels(runs: Sequence[RunResult]) -> list[Level]:
 
 
 def _axes(runs: Sequence[RunResult]) -> list[dict[str, Any]]:
-    """Return metrics with axis ends: 0 and 1 for values in between, else minimum and maximum."""
+    """Return the metrics with limits of their axes: 0 and 1 if all values are between, else the extrema."""
     names = dict.fromkeys(name for level in _levels(runs) for name in level.metrics if name in level.values)
     axes = []
     for name in names:
@@ -86,7 +88,7 @@ def _level(level: Level, order: Int) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> Any:
-    """Convert a value to JSON types, with null for numbers that are not finite."""
+    """Convert a value to JSON types, with null for NaN and infinities."""
     if isinstance(value, Mapping):
         return {key: _finite(each) for key, each in value.items()}
     return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -1,4 +1,4 @@
-"""Sections of the page: built-in sections from HTML files, then those of plugins."""
+"""Sections of the report: built-in ones from HTML files, then those of plugins."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ OWN: Final = ("map", "charts", "runs", "parts", "words")
 
 
 def own_sections() -> str:
-    """Return the built-in sections, to be filled by scripts."""
+    """Return the built-in sections as HTML, to be filled with data by scripts."""
     here = files(__package__) / "templates"
     return "".join((here / f"section_{name}.html").read_text(encoding="utf-8") for name in OWN)
 
 
 def sections_of_plugins(mesh: Mesh, runs: Sequence[RunResult], registry: Registry) -> str:
-    """Return the usable components of kind ``section``, each in its own ``<section>``.
+    """Return the report sections that plugins contribute, as HTML.
 
     Titles are escaped, fragments are kept unchanged. Empty fragments make no section. A failing section
     becomes a note in its place and a warning in the log, both with the plugin's name.

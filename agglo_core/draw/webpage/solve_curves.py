@@ -1,4 +1,7 @@
-"""Convergence curves as SVG, with x in percent of the width, so that texts keep their size."""
+"""Convergence curves in the report, as SVG with x in percent of the width.
+
+So texts keep their size on a page of any width.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ _CAPTION: Final = (
 
 
 def history_picture(solves: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return a figure of residuals and energy errors against the iteration, with legend.
+    """Return a plot of residuals and energy errors against the iteration, with legend, as SVG.
 
     Parameters
     ----------
@@ -62,7 +65,7 @@ def _contraction(curves: Curves) -> str:
 
 
 class _Frame:
-    """Axes: iterations from left to right, powers of ten from top to bottom."""
+    """Axes of a convergence plot: iterations from left to right, powers of ten from top to bottom."""
 
     def __init__(self, curves: list[Curves]) -> None:
         sizes = np.concatenate([[1.0], *(np.append(curve.residuals, curve.errors) for curve in curves)])
@@ -73,16 +76,16 @@ class _Frame:
         self.last = max(1, *(len(curve.residuals) - 1 for curve in curves))
 
     def x(self, step: float) -> float:
-        """Return the position of an iteration in percent of the width."""
+        """Return the horizontal coordinate of an iteration, in percent of the width."""
         return _LEFT + (_RIGHT - _LEFT) * step / self.last
 
     def y(self, size: float) -> float:
-        """Return the position of a size in pixels from the top."""
+        """Return the vertical coordinate of a residual or error, in pixels from the top."""
         share = (self.high - float(np.log10(size))) / (self.high - self.low)
         return _TOP + share * (_HEIGHT - _TOP - _BOTTOM)
 
     def axes(self) -> Iterator[str]:
-        """Yield grid, ticks and tolerance."""
+        """Yield the SVG elements of grid, ticks and tolerances."""
         for power in range(self.low, self.high + 1):
             y = self.y(10.0**power)
             yield _line(_LEFT, y, _RIGHT, y, _GRID)
@@ -104,7 +107,7 @@ class _Frame:
             yield f'<text x="{_LEFT + 1:.2f}%" y="{y - 4:.1f}">tolerance {tolerance:g}</text>'
 
     def curve(self, sizes: Float, colour: str, dashed: bool = False) -> Iterator[str]:
-        """Yield lines between known points, with marks if there are few."""
+        """Yield the SVG elements of a curve through its finite values, with marks if there are few."""
         steps = np.flatnonzero(np.isfinite(sizes))
         if len(steps) > _MOST:
             steps = steps[np.unique(np.linspace(0, len(steps) - 1, _MOST).astype(int))]
@@ -119,7 +122,7 @@ class _Frame:
 
 
 def _steps() -> Iterator[int]:
-    """Yield 1, 2, 5, 10, 20, 50, …"""
+    """Yield the possible distances between ticks: 1, 2, 5, 10, 20, 50, …"""
     power = 1
     while True:
         yield from (power, 2 * power, 5 * power)

@@ -1,4 +1,4 @@
-"""Report section on solves: costs per level and phase, and convergence.
+"""Report section on solvers: costs per level and phase, and convergence.
 
 The section is plain HTML and SVG without script. All texts are escaped.
 """
@@ -17,7 +17,7 @@ _MISSING: Final = "–"
 
 
 def solve_section(solves: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return a section on solutions by name of solver or run, or an empty text without solutions.
+    """Return the report section on solutions by name of solver or run, or an empty text for none.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def _failure(name: str, why: str) -> str:
 
 
 def _summary(solves: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return a table with one line per run."""
+    """Return an HTML table with iterations, convergence and costs of each run."""
     columns = ["run", "unknowns", "iterations", "converged", "contraction", "operator complexity", "MB"]
     columns += [f"{title} s" for title in _PHASES.values()]
     rows = []
@@ -69,7 +69,7 @@ def _details(name: str, data: Mapping[str, Any]) -> str:
 
 
 def _story(data: Mapping[str, Any]) -> str:
-    """Return a solve's outcome, reason and cost."""
+    """Return outcome, reason and costs of one solution as HTML."""
     parts = [f"<p>{escape(_state(data))}</p>"]
     parts += [
         f"<p><b>{title}</b> {escape(data[key])}</p>"
@@ -130,7 +130,7 @@ def _levels(levels: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _seconds(data: Mapping[str, Any]) -> str:
-    """Return a table with a row per phase and a column per clock."""
+    """Return an HTML table of the time in each phase: processor time and elapsed time."""
     clocks = {title: data[key] for key, title in _CLOCKS.items() if data[key]}
     if not clocks:
         return '<p class="hint">Not reported by the solver.</p>'

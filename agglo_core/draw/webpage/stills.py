@@ -1,4 +1,4 @@
-"""Stills of a solid for the page: cell and brightness at each pixel, from several sides."""
+"""Pictures of a 3-D mesh for the report, from fixed directions: cell and brightness at each pixel."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ _CUTS: Final = {
 
 
 def stills(mesh: Mesh, order: Int) -> list[dict[str, Any]]:
-    """Return mesh stills from five sides, and cut open along three planes, for all levels.
+    """Return pictures of a 3-D mesh from five directions, and cut open along three planes.
 
-    Cells are identified by positions in ``order``.
+    Cells are identified by their indices in ``order``. All levels use these pictures.
     """
     places = _places(order)
     labels = np.zeros(mesh.n_cells, np.int64)
@@ -48,7 +48,7 @@ def stills(mesh: Mesh, order: Int) -> list[dict[str, Any]]:
 
 
 def exploded_still(mesh: Mesh, labels: Int, order: Int) -> dict[str, Any]:
-    """Return a still with parts moved apart."""
+    """Return a picture of a 3-D mesh with parts moved apart."""
     faces = outer_faces(mesh, labels, _EXPLODE)
     return _still("moved apart", faces, SIDE, _PIXELS_APART, _places(order))
 
@@ -62,7 +62,7 @@ def _places(order: Int) -> Int:
 def _still(
     name: str, surface: Surface, side: tuple[float, float], pixels: int, places: Int
 ) -> dict[str, Any]:
-    """Return pixel runs, row by row: number of the visible face (0 for none), and run length.
+    """Return a picture as run lengths, row by row: index of the visible face (0 for none), and length.
 
     For face number k + 1, entry k of ``cells`` and ``bright`` is its cell and brightness (255 is full).
     """
