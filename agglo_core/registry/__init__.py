@@ -1,4 +1,4 @@
-"""Plugins: declarations, and the registry that finds, describes and builds components.
+"""Plugins: their declarations, and the registry that finds, lists and builds components.
 
 A distribution joins through the entry-point group ``agglo``: each entry point refers to a light *declaration*
 module (or object) whose hooks return records::

@@ -1,4 +1,4 @@
-"""Attribute errors of components: messages name component, plugin and distribution."""
+"""Exceptions in components: messages name the component, its plugin and its distribution."""
 
 from __future__ import annotations
 
@@ -36,10 +36,11 @@ class Member:
 
 @contextmanager
 def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterator[None]:
-    """Prefix ``owner`` to AggloErrors, and turn any other exception into a PluginError.
+    """Put the name ``owner`` before the messages of exceptions raised by a component within the context.
 
-    OptionErrors, MeshErrors and FileErrors about the input keep their class. If the component changes the
-    current folder, the folder is restored with a warning.
+    OptionErrors, MeshErrors and FileErrors about the input keep their class. Exceptions other than
+    AggloErrors become PluginErrors. If the component changes the current folder, the folder is restored with
+    a warning.
 
     Parameters
     ----------
@@ -71,5 +72,8 @@ def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterat
 
 
 def _family(error: AggloError) -> type[AggloError]:
-    """Return agglo's class for an error, because subclasses in plugins may have other constructors."""
+    """Return the class of agglo's own exceptions to which an exception belongs.
+
+    Subclasses in plugins may have other constructors.
+    """
     return next((kind for kind in (MeshError, OptionError, FileError) if isinstance(error, kind)), AggloError)

@@ -1,4 +1,4 @@
-"""Registry class: load plugins, list their records, look up and build components."""
+"""Registry class: loads plugins, lists their components and commands, and builds components."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Declared = list[Component | Command]
 
 @dataclass(frozen=True, eq=False)
 class _Plugin:
-    """A loaded or failed plugin: its module or object, and the records of its declarations."""
+    """A plugin, loaded or failed: its module or object, and one record per declared component or command."""
 
     name: str
     distribution: str
@@ -40,7 +40,7 @@ class _Plugin:
 
     @cached_property
     def named(self) -> Mapping[tuple[str, str], Records]:
-        """Records by kind and name, cached for the look-ups of each run."""
+        """Records of the plugin by kind and name, stored because each run looks them up."""
         by_name: dict[tuple[str, str], Records] = defaultdict(list)
         for record in self.records:
             by_name[record.kind, record.name].append(record)
@@ -48,7 +48,7 @@ class _Plugin:
 
 
 class Registry:
-    """Components and commands by name, with their states.
+    """Table of all components and commands by name, with their states (usable, broken, …).
 
     States are computed on access, so that the order of registration does not matter.
 
@@ -73,7 +73,7 @@ class Registry:
         self.hook = self._manager.hook
 
     def register(self, plugin: object, name: str, *, distribution: str = "", version: str = "") -> None:
-        """Add a module or object with hooks.
+        """Add a plugin: a module or object whose hooks declare components or commands.
 
         A broken plugin is listed with the reason.
 
@@ -101,21 +101,21 @@ class Registry:
             self._plugins.remove(plugin)
 
     def block(self, name: str, reason: str = "blocked by the program") -> None:
-        """Make a plugin unusable, registered or not."""
+        """Make a plugin unusable, even if it is registered later."""
         self._blocked[name] = reason
         for plugin in self._plugins:
             if plugin.name == name:
                 detach(self._manager, plugin.plugin)
 
     def records(self) -> Records:
-        """Return components with their states, then failed plugins, then commands.
+        """Return the records of all components, failed plugins and commands, with their states.
 
         This method never fails.
         """
         return sorted(self._records(), key=lambda record: record.command is not None)
 
     def list(self, kind: str | None = None) -> Records:
-        """List every component with its state, and every failed plugin.
+        """List all components and all failed plugins, with their states.
 
         This method never fails.
 
@@ -124,11 +124,11 @@ class Registry:
         return [record for record in self._records(kind) if record.command is None]
 
     def commands(self) -> Records:
-        """Return every command of the plugins, with its state."""
+        """List the commands of all plugins, with their states."""
         return [record for record in self._records() if record.command is not None]
 
     def build(self, kind: str, name: str, /, **options: Any) -> Any:
-        """Build a component.
+        """Build a component from its kind, name and options.
 
         ``name`` may be qualified as ``plugin/name`` (or ``distribution/name``).
 
@@ -142,7 +142,7 @@ class Registry:
         return self.assemble(self.record(kind, name), options)
 
     def assemble(self, record: Record, options: Mapping[str, Any]) -> Any:
-        """Build the component of a record in this registry.
+        """Build the component that a record of this registry describes.
 
         Raises as :meth:`build`.
         """
@@ -150,7 +150,7 @@ class Registry:
         return construct(record, options, self)
 
     def record(self, kind: str, name: str) -> Record:
-        """Return the record for a name, in any state.
+        """Return the record of a component or command by its name, usable or not.
 
         ``kind`` may also be ``"command"``.
 
@@ -176,11 +176,11 @@ class Registry:
         raise PluginError(self._unknown(kind, name))
 
     def declares(self, kind: str, name: str) -> bool:
-        """Return True if a component with this name is declared, in any state (called at each run)."""
+        """Return True if a component with this name is declared, usable or not (called at each run)."""
         return any((kind, name) in plugin.named for plugin in self._plugins)
 
     def level_done(self, info: Mapping[str, Any]) -> None:
-        """Call the progress hook of every plugin.
+        """Report a finished depth of the recursion to every plugin that observes runs.
 
         A plugin that raises is reported in a warning and not called again, because an observer must not end a
         run.
@@ -196,7 +196,7 @@ class Registry:
                 detach(self._manager, watcher.plugin)
 
     def discover(self, environ: Mapping[str, str] = os.environ) -> None:
-        """Load all installed plugins except for exclusions by ``AGGLO_BLOCK`` and ``AGGLO_ONLY``."""
+        """Load all installed plugins except those excluded by ``AGGLO_BLOCK`` or ``AGGLO_ONLY``."""
         if environ.get("AGGLO_TRACE"):
             self._manager.trace.root.setwriter(sys.stderr.write)
             self._manager.enable_tracing()
@@ -216,7 +216,9 @@ class Registry:
             self._load(entry)
 
     def _load(self, entry: Found) -> None:
-        """Import the declaration of an installed plugin and add its records.
+        """Import an installed plugin and store the records of its components and commands.
+
+        A failure is stored as the reason why the plugin is broken.
 
         Failures become their reason.
         """
@@ -242,7 +244,7 @@ class Registry:
         self._add(origin, plugin, declared, problem)
 
     def _add(self, origin: Record, plugin: object, declared: Declared, problem: str) -> None:
-        """Store the records of a plugin.
+        """Store the records of the components and commands that a plugin declares.
 
         Faulty records, or all in case of a ``problem``, are broken.
         """
@@ -263,7 +265,7 @@ class Registry:
         self._plugins.append(_Plugin(origin.plugin, origin.distribution, plugin, tuple(records)))
 
     def _records(self, kind: str | None = None, name: str | None = None, *, resolved: bool = True) -> Records:
-        """List records with their states, optionally restricted to a kind, or a kind and a name."""
+        """Return records with their states: all, those of one kind, or those of a kind and a name."""
         candidates: Iterable[Record]
         if name is not None:
             candidates = chain.from_iterable(
@@ -284,7 +286,7 @@ class Registry:
         return ", ".join(sorted({plugin.name for plugin in self._plugins})) or "none"
 
     def _unknown(self, kind: str, name: str) -> str:
-        """Return the message for an unknown name, with the closest match and the available names."""
+        """Return the error message for an unknown name, with the closest match and the available names."""
         records = self._records()
         states = {r.name: "" if r.state == "ok" else f" ({r.state})" for r in records if r.kind == kind}
         close = difflib.get_close_matches(name, states, n=1)

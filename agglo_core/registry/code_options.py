@@ -1,4 +1,4 @@
-"""Options that refer to code: texts from files cause no import without the user's permission.
+"""Options that name code to import: refused in files unless the user allows it.
 
 A component marks such an option by its annotation, and imports the code itself::
 
@@ -20,20 +20,20 @@ ImportPath = Annotated[str, _MARK]
 
 
 class Written(str):
-    """A text from a file, which must not refer to code."""
+    """A text read from a file, which must not name code to import."""
 
     __slots__ = ()
 
 
 def names_code(annotation: Any) -> bool:
-    """Return True if an annotation is :data:`ImportPath`, or a tuple or union that contains it."""
+    """Return True if a type annotation is :data:`ImportPath`, or a tuple or union that contains it."""
     if get_origin(annotation) is Annotated and _MARK in annotation.__metadata__:
         return True
     return any(names_code(argument) for argument in get_args(annotation))
 
 
 def mark_texts(value: Any) -> Any:
-    """Mark all texts in a value from a file, including those in lists and tables."""
+    """Mark all texts in a value as read from a file, including those in lists and tables."""
     if isinstance(value, str):
         return Written(value)
     if isinstance(value, list | tuple):
@@ -44,7 +44,7 @@ def mark_texts(value: Any) -> Any:
 
 
 def is_written(value: Any) -> bool:
-    """Return True for a text from a file, or a list or table that contains such a text."""
+    """Return True for a text marked as read from a file, or a list or table that contains one."""
     if isinstance(value, list | tuple):
         return any(is_written(item) for item in value)
     if isinstance(value, Mapping):
@@ -53,7 +53,7 @@ def is_written(value: Any) -> bool:
 
 
 def plain(value: Any) -> Any:
-    """Remove the marks from a text or list, for options that take any text."""
+    """Remove the mark of texts read from a file, for options that accept any text."""
     if isinstance(value, list):
         return [plain(item) for item in value]
     return str(value) if isinstance(value, Written) else value

@@ -1,4 +1,4 @@
-"""Build a component: import the target, check the options, call the target, check the result."""
+"""Construction of a component: import of its class, check of the options, call, check of the result."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from agglo_core.registry.records import Record, describe, unusable
 
 
 def resolve(record: Record) -> Any:
-    """Import and return the target of a record with state ok.
+    """Import the class, factory or command of a usable record, and return it.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def resolve(record: Record) -> Any:
 
 
 def construct(record: Record, options: Mapping[str, Any], registry: object = None) -> Any:
-    """Build the component of a record with these options.
+    """Build the component that a record describes, with the given options.
 
     ``registry`` is passed to targets with this parameter.
 
@@ -81,7 +81,7 @@ def construct(record: Record, options: Mapping[str, Any], registry: object = Non
 
 
 def check_options(record: Record, target: Any, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Check the options and convert them to the types of the target.
+    """Check the options of a component, and convert them to the declared types.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def check_options(record: Record, target: Any, options: Mapping[str, Any]) -> di
 
 
 def _check_built(record: Record, built: Any) -> None:
-    """Raise PluginError unless the object has the methods and attributes of its kind."""
+    """Raise PluginError unless a built object has the methods and attributes that its kind requires."""
     kind = KINDS[record.kind]
     if kind.methods and not any(callable(getattr(built, method, None)) for method in kind.methods):
         expected = " or ".join(f"{method}(…)" for method in kind.methods)

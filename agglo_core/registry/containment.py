@@ -1,4 +1,4 @@
-"""Run plugin code so that it cannot end the program, spoil its output or change its folder."""
+"""Execution of plugin code that cannot end the program, mix with its output or change its folder."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ of a component.
 
 
 class LoadingError(Exception):
-    """A plugin raised an exception during its import or in a hook.
+    """Exception raised by a plugin during its import or in a hook.
 
     The original exception is the cause.
     """
@@ -26,7 +26,7 @@ class LoadingError(Exception):
 
 @contextmanager
 def contain_loading(what: str) -> Iterator[None]:
-    """Run plugin code at import or in a hook: failures become LoadingErrors, and stdout stays clean.
+    """Run code of a plugin, convert its exceptions to LoadingError, and keep its output off stdout.
 
     Its output goes to stderr, or to the current redirection of stdout.
 
@@ -50,7 +50,7 @@ def contain_loading(what: str) -> Iterator[None]:
 
 @contextmanager
 def restore_folder(what: str) -> Iterator[None]:
-    """Restore the current folder if the code in the block changes it, with a warning that names ``what``."""
+    """Restore the working directory if code in the block changes it, and warn with the name ``what``."""
     home = _folder()
     try:
         yield
@@ -68,7 +68,7 @@ def _folder() -> str:
 
 
 def describe_error(error: BaseException) -> str:
-    """Return ``ValueError: message`` for an exception, even for one that cannot be printed."""
+    """Return an exception as ``ValueError: message``, even one whose message cannot be printed."""
     try:
         message = str(error)
     except PLUGIN_FAILURES:
@@ -77,7 +77,7 @@ def describe_error(error: BaseException) -> str:
 
 
 def shown(value: object, limit: int = 60) -> str:
-    """Return ``repr(value)`` cut at ``limit`` characters, or the type of a value that cannot be printed."""
+    """Return ``repr(value)`` cut at ``limit`` characters, or the type name if ``repr`` fails."""
     try:
         return printable(f"{value!r:.{limit}}")
     except PLUGIN_FAILURES:
@@ -85,7 +85,7 @@ def shown(value: object, limit: int = 60) -> str:
 
 
 def printable(text: str) -> str:
-    """Remove control characters, as in untrusted names.
+    """Escape control characters in a text from an untrusted source.
 
     Line breaks are kept.
     """

@@ -1,4 +1,4 @@
-"""Declarations of plugins: hooks, ``Component`` and ``Command``, with their checks."""
+"""Declarations of plugins: hooks, components and commands, with checks."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ hookimpl = pluggy.HookimplMarker("agglo")
 
 @dataclass(frozen=True)
 class Component:
-    """Declaration of a component, without an import of its target.
+    """Declaration of a component: kind, name, import path and properties.
+
+    The component is imported only when it is used.
 
     Attributes
     ----------
@@ -78,7 +80,7 @@ class Component:
 
 @dataclass(frozen=True)
 class Command:
-    """Declaration of a command of ``agglo``: ``target`` is a click command, imported when it runs.
+    """Declaration of a subcommand of ``agglo``. Its ``target`` is a click command, imported when it runs.
 
     Examples
     --------
@@ -92,7 +94,7 @@ class Command:
 
 
 class Hooks:
-    """Hooks of a plugin.
+    """Functions that agglo calls in a plugin, if it defines them.
 
     Each is optional, at least one is expected.
     """
@@ -109,7 +111,7 @@ class Hooks:
 
     @hookspec
     def agglo_level_done(self, info: Mapping[str, Any]) -> None:
-        """Observe a run: called after each depth of a recursion with ``depth``, ``pieces``, ``cells``."""
+        """Receive progress after each depth of a recursion: ``depth``, ``pieces``, ``cells``."""
 
 
 _DOTTED = r"[^\W\d]\w*(\.[^\W\d]\w*)*"
@@ -120,7 +122,7 @@ _COMMAND = re.compile(r"[a-z][a-z0-9_-]*")
 
 
 def faults(declared: Component | Command) -> Iterator[str]:
-    """Yield the faults of a declaration, each with the accepted values."""
+    """Yield the faults of a declared component or command, each with the accepted values."""
     if not isinstance(declared.target, str) or not _TARGET.fullmatch(declared.target):
         yield f"target {shown(declared.target)} is not of the form 'module:attribute'"
     if not isinstance(declared.summary, str):
@@ -134,7 +136,7 @@ def faults(declared: Component | Command) -> Iterator[str]:
 
 
 def _component_faults(component: Component) -> Iterator[str]:
-    """Yield the faults of a declared component as sentences."""
+    """Yield the faults in the declaration of a component, as sentences."""
     if component.kind not in KINDS:
         yield f"unknown kind {shown(component.kind)}; accepted: {', '.join(KINDS)}"
     name = component.name
@@ -190,12 +192,12 @@ def _magic_faults(component: Component) -> Iterator[str]:
 
 
 def is_suffix(suffix: object) -> bool:
-    """Return True for a suffix in lower case with its dot."""
+    """Return True for a file suffix in lower case with its dot."""
     return isinstance(suffix, str) and suffix[:1] == "." and len(suffix) > 1 and suffix == suffix.lower()
 
 
 def make_plain(declared: Component | Command) -> Component | Command:
-    """Convert the texts of a faulty declaration to plain strings for the listing."""
+    """Convert all values in a faulty declaration to strings, so that it can be listed."""
     name, target, summary = map(_text, (declared.name, declared.target, declared.summary))
     if isinstance(declared, Command):
         return Command(name, target, summary)

@@ -1,4 +1,4 @@
-"""Find installed plugins and read their declarations.
+"""Search for installed plugins, and collection of the components and commands they declare.
 
 Failures become reasons, not exceptions.
 """
@@ -22,7 +22,7 @@ _HOOKS = tuple(name for name in vars(Hooks) if name.startswith("agglo_"))
 
 @dataclass(frozen=True)
 class Found:
-    """An entry point of an installed distribution, not yet loaded (None if its file is malformed)."""
+    """An installed plugin that is not yet loaded: its name, entry point, distribution and version."""
 
     name: str
     entry_point: metadata.EntryPoint | None
@@ -31,7 +31,7 @@ class Found:
 
 
 def find_entry_points() -> Iterator[Found]:
-    """Yield the entry points of the group ``agglo``, each distribution once, in the order of sys.path.
+    """Yield the installed plugins (entry points of the group ``agglo``), in the order of sys.path.
 
     ``importlib.metadata.entry_points`` would raise for a malformed file of any distribution.
     """
@@ -65,7 +65,7 @@ def version_of(distribution: str) -> str:
 
 
 def attach(manager: pluggy.PluginManager, plugin: object, key: str) -> tuple[list[Component | Command], str]:
-    """Register the hooks of a plugin.
+    """Register the hooks of a plugin, and collect the components and commands they declare.
 
     Return the declarations, and the reason if the plugin is broken (or ``""``).
 
@@ -90,13 +90,16 @@ def attach(manager: pluggy.PluginManager, plugin: object, key: str) -> tuple[lis
 
 
 def detach(manager: pluggy.PluginManager, plugin: object) -> None:
-    """Unregister the hooks of a plugin, if any."""
+    """Unregister the hooks of a plugin, if they are registered."""
     if manager.is_registered(plugin):
         manager.unregister(plugin)
 
 
 def _find_hook_fault(manager: pluggy.PluginManager, plugin: object) -> str:
-    """Return the reason why a hook would never be called (misspelt, unmarked, none at all), or ``""``."""
+    """Return the reason why hooks of a plugin would never be called, or ``""`` if there is none.
+
+    Reasons are a misspelt hook, a missing mark, or no hook at all.
+    """
     n_hooks = 0
     for name in dir(plugin):
         marks = manager.parse_hookimpl_opts(plugin, name)
@@ -116,7 +119,7 @@ def _find_hook_fault(manager: pluggy.PluginManager, plugin: object) -> str:
 def _collect_declarations(
     manager: pluggy.PluginManager, plugin: object, key: str
 ) -> tuple[list[Component | Command], str]:
-    """Call the hooks of a plugin.
+    """Call the hooks of a plugin to collect the components and commands it declares.
 
     Return their declarations, and the first fault, or ``""``.
     """

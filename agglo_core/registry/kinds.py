@@ -1,4 +1,4 @@
-"""Kinds of components that plugins may offer, one record each.
+"""Kinds of components: the methods, properties and laws of bisectors, refiners, solvers and others.
 
 A new kind requires a new record here and a file of laws.
 
@@ -16,7 +16,7 @@ from typing import Final
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of component.
+    """A kind of component, such as bisector or solver: required methods, possible promises, laws.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ PROMISES: Final = tuple(dict.fromkeys(promise for kind in _RECORDS for promise i
 
 
 def kind_of_methods(component: object) -> str | None:
-    """Return the first kind with a method of the component, or None."""
+    """Return the first kind for which the component has a required method, or None if there is none."""
     for kind in KINDS.values():
         if any(callable(getattr(component, method, None)) for method in kind.methods):
             return kind.name

@@ -1,4 +1,4 @@
-"""Option types: test whether a value fits, convert typed text, and describe a type in words."""
+"""Types of options: test and conversion of values, and description of a type in words."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _WORDS_OF: dict[Any, str] = {
 
 
 class Text(str):
-    """A value as typed by the user, before conversion to the type of its option."""
+    """A value typed by the user, not yet converted to the type of its option."""
 
     __slots__ = ()
 
 
 def parse_value(text: str) -> int | float | bool | str | None:
-    """Convert ``text`` to an integer, number, true, false or none if possible.
+    """Convert a text to an integer, float, boolean or None if it has such a form.
 
     Otherwise return the text.
     """
@@ -47,7 +47,7 @@ def parse_value(text: str) -> int | float | bool | str | None:
 
 
 def words_of(annotation: Any) -> list[str]:
-    """Return the words accepted by an option of this type, if the type has a finite list."""
+    """Return the words that an option of this type accepts, if there are finitely many."""
     members = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
     words: list[str] = []
     for member in members:
@@ -63,7 +63,7 @@ def words_of(annotation: Any) -> list[str]:
 
 
 def fit(annotation: Any, value: Any) -> tuple[bool, Any]:
-    """Test a value against an annotation and convert it.
+    """Test whether a value fits a type annotation, and convert it.
 
     Unknown annotations accept any value.
     """
@@ -75,7 +75,7 @@ def fit(annotation: Any, value: Any) -> tuple[bool, Any]:
 
 
 def _members(annotation: Any) -> tuple[Any, ...] | None:
-    """Return the types of a union, text last, or None for a union with an unsupported type."""
+    """Return the types in a union, text last, or None if one of them is not supported."""
     members = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
     if not all(_is_known(member) for member in members):
         return None
@@ -99,7 +99,7 @@ def _is_code(member: Any) -> bool:
 
 
 def _fit(member: Any, value: Any) -> tuple[bool, Any]:
-    """Test a value against a single type and convert it."""
+    """Test whether a value fits a single type, and convert it."""
     if _is_code(member):
         return isinstance(value, str), str(value) if isinstance(value, str) else None
     if get_origin(member) is Literal:
@@ -118,7 +118,7 @@ def _fit(member: Any, value: Any) -> tuple[bool, Any]:
 
 
 def _read(member: Any, text: Text) -> tuple[bool, Any]:
-    """Convert a text to a plain type."""
+    """Convert a text to a basic type: number, boolean, None, text or path."""
     if member is str:
         return True, str(text)
     if member is Path:
@@ -134,7 +134,7 @@ def _read(member: Any, text: Text) -> tuple[bool, Any]:
 
 
 def _is_instance(member: type, value: Any) -> bool:
-    """Return True for a value of a plain type.
+    """Return True if a value is of a basic type: number, boolean or text.
 
     Numpy numbers are numbers, a bool is not.
     """
@@ -168,7 +168,7 @@ def _fit_enum(member: type[Enum], value: Any) -> tuple[bool, Any]:
 
 
 def _fit_tuple(members: tuple[Any, ...], value: Any) -> tuple[bool, Any]:
-    """Convert a list or tuple item by item.
+    """Convert a list or tuple, each item to its type.
 
     A text is split at ``+``, because commas separate options.
     """

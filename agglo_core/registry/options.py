@@ -1,4 +1,4 @@
-"""Options of components: names, types, and validation of values.
+"""Options of components, derived from the signature of their class: names, types, check of values.
 
 An option is a keyword of the constructor. Its type is the annotation: bool, int, float, str, ``Literal[…]``,
 an Enum, Path, a tuple of these, or a union, also with None. The default always fits: ``int = None`` accepts
@@ -30,7 +30,7 @@ _MARKUP = re.compile(r"(?::\w+:)?`+~?([^`]*)`+")
 
 @dataclass(frozen=True)
 class Option:
-    """One option of a component.
+    """An option of a component: name, type, default and description.
 
     Attributes
     ----------
@@ -50,19 +50,19 @@ class Option:
 
     @property
     def required(self) -> bool:
-        """True if a value must be given."""
+        """True if the option has no default."""
         return self.default is UNTYPED
 
     @property
     def type_name(self) -> str:
-        """Type in words: ``a whole number``, ``'lu' or 'dense'``."""
+        """Type of the option in words: ``a whole number``, ``'lu' or 'dense'``."""
         return in_words(self.type)
 
 
 def options_of(target: Callable[..., Any]) -> tuple[Option, ...] | None:
-    """Return the options of a class or factory, or None for arbitrary options or without a signature.
+    """Return the options of a class or factory, from its signature.
 
-    In the latter case the target checks the options itself.
+    None if it accepts any keyword, or has no signature. In the latter case it checks the options itself.
     """
     return _options_of_class(target) if isinstance(target, type) else _options_of(target)
 
@@ -84,7 +84,7 @@ def _options_of(target: Callable[..., Any]) -> tuple[Option, ...] | None:
 
 
 def wants_registry(target: Callable[..., Any]) -> bool:
-    """Return True if a class or factory has the parameter ``*, registry=None`` for its registry.
+    """Return True if a class or factory has the parameter ``*, registry=None`` to receive the registry.
 
     This parameter is no option, and no listing shows it.
     """
@@ -110,7 +110,7 @@ def _options_of_class(target: type) -> tuple[Option, ...] | None:
 
 
 def name_and_options(kind: str, choice: tuple[Any, ...]) -> tuple[str, Mapping[str, Any]]:
-    """Return a choice of the form ``(name, options)``, or raise OptionError."""
+    """Return the two entries of a tuple ``(name, options)``, or raise OptionError for another form."""
     if len(choice) == 2 and isinstance(choice[0], str) and isinstance(choice[1], Mapping):
         return choice[0], choice[1]
     raise OptionError(f"a {kind} must be a name, (name, options) or an object, given {shown(choice)}")
@@ -145,7 +145,7 @@ def convert(option: Option, value: Any, owner: str) -> Any:
 
 
 def _annotation(target: Callable[..., Any], parameter: inspect.Parameter) -> Any:
-    """Return the annotation of a parameter.
+    """Return the type annotation of a parameter.
 
     A string annotation is evaluated; the result is empty if the evaluation fails.
     """
@@ -163,14 +163,14 @@ def _annotation(target: Callable[..., Any], parameter: inspect.Parameter) -> Any
 
 
 def _with_default(annotation: Any, default: Any) -> Any:
-    """Add None to the annotation of an option with default None, because ``int = None`` is common."""
+    """Add None to the type of an option whose default is None, because ``int = None`` is common."""
     if default is not None or annotation is UNTYPED:
         return annotation
     return Optional[annotation]  # noqa: UP045 - None | None is an error
 
 
 def _describe_parameters(target: Callable[..., Any]) -> dict[str, str]:
-    """Return the first sentence on each parameter or attribute in numpydoc docstrings, bases included."""
+    """Return for each parameter the first sentence about it in the docstrings of a class and its bases."""
     about: dict[str, str] = {}
     bases = inspect.getmro(target) if isinstance(target, type) else (target,)
     for text, head in product([inspect.getdoc(base) or "" for base in bases], ("Parameters", "Attributes")):

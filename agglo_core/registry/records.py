@@ -1,4 +1,4 @@
-"""Records of declarations: origin, state, and the reason for the state."""
+"""Records of declared components and commands: origin, state, and the reason for the state."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PROJECTS = {"sklearn": "scikit-learn"}  # import names that differ from their p
 
 @dataclass(frozen=True)
 class Record:
-    """A declared component or command with its state.
+    """A declared component or command, with its origin and state (usable, broken, …).
 
     A failed plugin has neither.
 
@@ -75,7 +75,7 @@ class Record:
 
     @cached_property
     def title(self) -> str:
-        """Label in messages, see :func:`describe`."""
+        """Name and origin for messages, see :func:`describe`."""
         origin = f"distribution {self.distribution} {self.version}".strip()
         if not self.distribution:
             origin = "registered by hand"
@@ -85,12 +85,12 @@ class Record:
 
     @property
     def declared(self) -> bool:
-        """True for a component or command that may hold a name."""
+        """True for a component or command that is usable, or lacks only packages."""
         return self.kind != "plugin" and self.state in ("ok", "needs")
 
 
 def describe(record: Record) -> str:
-    """Return the label of a record in messages.
+    """Return the name and origin of a component or command, as printed in messages.
 
     An example is ``bisector 'halves' (plugin 'halves', distribution my-dist 0.3)``.
 
@@ -105,26 +105,32 @@ def describe(record: Record) -> str:
 
 
 def unusable(record: Record) -> str:
-    """Return state and reason of a record that is not ok (reasons of ``needs`` begin with the state)."""
+    """Return the state of a component that cannot be used, with the reason.
+
+    If packages are missing, the reason begins with the state.
+    """
     return record.reason if record.state == "needs" else f"{record.state}: {record.reason}"
 
 
 class Installed:
-    """Installed modules and extras, cached for one listing (packages may be added later)."""
+    """Modules and extras that are installed, looked up once per listing.
+
+    Packages may be added between two listings.
+    """
 
     def __init__(self) -> None:
         self._modules: dict[str, bool] = {}
         self._extras: dict[str, dict[str, set[str]]] = {}
 
     def importable(self, name: str) -> bool:
-        """Return True if a module can be found, without importing it."""
+        """Return True if a module is installed, without an import."""
         top = name.partition(".")[0]  # find_spec would import the package of a submodule
         if top not in self._modules:
             self._modules[top] = _is_importable(top)
         return self._modules[top]
 
     def extras(self, distribution: str) -> dict[str, set[str]]:
-        """Return the projects of each extra of a distribution, in metadata order.
+        """Return the packages in each extra (optional dependency group) of a distribution, in metadata order.
 
         The result is empty for an unknown distribution.
         """
@@ -134,7 +140,7 @@ class Installed:
 
 
 def with_requirements(record: Record, installed: Installed) -> Record:
-    """Return the record with state ``needs`` if a required module cannot be found."""
+    """Return the record, in state ``needs`` if a required module is not installed."""
     if record.component is None or record.state != "ok":
         return record
     missing = tuple(name for name in record.component.requires if not installed.importable(name))
@@ -153,7 +159,10 @@ def _is_importable(module: str) -> bool:
 
 
 def _remedy(record: Record, missing: Sequence[str], installed: Installed) -> str:
-    """Return the install command: the plugin's own extra, another sufficient extra, or the packages."""
+    """Return the ``pip install`` command that supplies the missing packages of a component.
+
+    It names the plugin's own extra, else another sufficient extra, else the packages.
+    """
     projects = {_PROJECTS.get(name, name) for name in missing}
     extras = installed.extras(record.distribution)
     plugin_extra = extras.get(record.plugin)
@@ -180,7 +189,7 @@ def _extras(distribution: str) -> dict[str, set[str]]:
 
 
 def with_conflicts(records: Sequence[Record]) -> list[Record]:
-    """Return the records, with state ``conflict`` where several claim a name."""
+    """Return the records, in state ``conflict`` where several declare the same name."""
     rivals: dict[tuple[str, str], list[Record]] = defaultdict(list)
     for record in records:
         if record.declared:
@@ -189,7 +198,10 @@ def with_conflicts(records: Sequence[Record]) -> list[Record]:
 
 
 def _resolve_conflict(record: Record, rivals: list[Record]) -> Record:
-    """Resolve name conflicts: built-in components keep their names, equal names of plugins conflict."""
+    """Return the record, in state ``conflict`` if its name belongs to another or is declared twice.
+
+    Built-in components keep their names. Equal names of plugins are in conflict.
+    """
     if len(rivals) == 1 and record.command is None:
         return record
     owners = [rival for rival in rivals if rival.in_tree] or rivals

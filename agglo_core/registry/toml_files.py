@@ -1,4 +1,4 @@
-"""Read TOML files of runs and problems in bounded memory.
+"""Reader for TOML files that configure runs and problems, with bounded memory.
 
 Every failure is a FileError.
 """
@@ -17,7 +17,7 @@ _SIZE = 1 << 21
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read the table in a TOML file.
+    """Read a TOML file as a dict.
 
     A byte order mark is ignored.
 
@@ -59,7 +59,10 @@ def _text(path: Path) -> str:
 
 
 def _show_integers(value: Any) -> None:
-    """Raise ValueError for integers too large for messages (hexadecimal integers are not limited)."""
+    """Raise ValueError for an integer with more digits than Python converts to text.
+
+    The TOML parser does not limit hexadecimal integers.
+    """
     if isinstance(value, dict | list):
         for item in value.values() if isinstance(value, dict) else value:
             _show_integers(item)
