@@ -1,4 +1,4 @@
-"""Report the progress of long computations to a callable, or on stderr."""
+"""Progress of long computations, reported to a function of the user or shown on stderr."""
 
 from agglo_core.progress.display import followed, shown
 from agglo_core.progress.phases import Listener, Progress, Tell, labelled, part, phase, to_nobody, unwrapped

@@ -1,4 +1,4 @@
-"""Display progress: a bar on a terminal, an updated line in a notebook, occasional lines elsewhere."""
+"""Display of progress: a bar in a terminal, an updated line in a notebook, occasional lines elsewhere."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SECONDS = 10.0
 
 @contextmanager
 def shown(*, lines: bool = True) -> Iterator[Listener | None]:
-    """Yield a listener that displays progress until the context ends.
+    """Yield a progress listener that displays the progress until the context ends.
 
     The display is a bar on stderr in a terminal, and a line in the cell output in a notebook.
 
@@ -48,7 +48,7 @@ def shown(*, lines: bool = True) -> Iterator[Listener | None]:
 
 @contextmanager
 def followed(progress: Listener | None, verbose: bool) -> Iterator[Listener | None]:
-    """Yield the listener of a public function: ``progress``, and with ``verbose`` also :func:`shown`.
+    """Yield the progress listener ``progress``, with ``verbose`` combined with a display (:func:`shown`).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Display progress in notebooks: one line in the cell output, updated during the computation."""
+"""Display of progress in notebooks: one line in the cell output, updated during the computation."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _PAUSE = 0.1
 
 
 def in_notebook() -> bool:
-    """Return True in a notebook, where stderr belongs to an IPython kernel."""
+    """Return True in a notebook, that is, in a process started as an IPython kernel."""
     return type(sys.stderr).__module__.partition(".")[0] == "ipykernel"
 
 
 @contextmanager
 def notebook_line() -> Iterator[Listener]:
-    """Yield a listener whose line finally lists the phases and the total time.
+    """Yield a listener that displays progress in one line, in the end the phases and the total time.
 
     After an error the line is unchanged and shows the progress up to the error.
     """

@@ -1,4 +1,4 @@
-"""Phases of a computation and their listeners.
+"""Phases of a computation, and listeners: functions that receive its progress.
 
 Only the phase itself has state.
 """
@@ -17,7 +17,7 @@ _PAUSE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Progress of a computation: the phase, and its completed share.
+    """One report on a computation: the current phase, and its completed share.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ Listener = Callable[[Progress], None]
 
 
 class Tell(Protocol):
-    """Function that reports the completed share of a phase.
+    """Function by which a phase reports its completed share.
 
     Examples
     --------
@@ -60,12 +60,12 @@ class Tell(Protocol):
     """
 
     def __call__(self, fraction: float, text: str = "") -> None:
-        """Report a share in [0, 1], and details."""
+        """Report the completed share, from 0 to 1, and details."""
 
 
 @contextmanager
 def phase(listen: Listener | None, name: str, text: str = "") -> Iterator[Tell]:
-    """Run a phase: report 0 when the block begins, 1 when it ends without error.
+    """Run the body as a phase of a computation: report 0 at the start, and 1 at the end without error.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def phase(listen: Listener | None, name: str, text: str = "") -> Iterator[Tell]:
 
 
 def to_nobody(fraction: float, text: str = "") -> None:
-    """Do nothing: the report function without a listener.
+    """Do nothing: the report function if there is no listener.
 
     Examples
     --------
@@ -117,7 +117,7 @@ def to_nobody(fraction: float, text: str = "") -> None:
 
 
 def part(tell: Tell, place: int, count: int, label: str = "") -> Tell:
-    """Return a report function for part ``place`` of ``count`` equal parts of a phase, which begins now.
+    """Begin part ``place`` of ``count`` equal parts of a phase, and return its report function.
 
     Examples
     --------
@@ -140,7 +140,7 @@ def part(tell: Tell, place: int, count: int, label: str = "") -> Tell:
 
 
 def labelled(listen: Listener | None, label: str) -> Listener | None:
-    """Return a listener that prefixes ``label`` to each text, such as the run or the level.
+    """Return a listener that puts ``label`` before the text of each report, such as the run or level.
 
     Examples
     --------
@@ -158,7 +158,7 @@ def labelled(listen: Listener | None, label: str) -> Listener | None:
 
 
 class _Stopped(BaseException):
-    """Internal exception that ends the block of :func:`unwrapped`.
+    """Internal exception that ends the block of :func:`unwrapped` after an exception of the listener.
 
     It never leaves the block.
     """
@@ -166,7 +166,7 @@ class _Stopped(BaseException):
 
 @contextmanager
 def unwrapped(listen: Listener | None) -> Iterator[Listener | None]:
-    """Yield a listener for code that converts or swallows exceptions.
+    """Yield a listener whose exceptions pass unchanged through code that converts or swallows exceptions.
 
     An exception of the listener leaves the block unchanged, however the code inside handles the interruption.
 

@@ -1,4 +1,4 @@
-"""Time limits of searches, and records of limits that ended a search."""
+"""Time limits of searches, and a list of the limits that were reached."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _noted: ContextVar[list[float] | None] = ContextVar("noted limits", default=None
 
 
 class TimeLimit:
-    """A time limit in seconds from now, or no limit.
+    """A time limit that starts now, in seconds, or no limit.
 
     Results of searches that a limit ends may differ between runs, because they depend on the machine.
 
@@ -36,7 +36,7 @@ class TimeLimit:
         self._told = False
 
     def over(self) -> bool:
-        """Return True if the time is over, and record the first time for :func:`noted_limits`."""
+        """Return True if the time is over. The first time is recorded for :func:`noted_limits`."""
         if self._end is None or self._seconds is None or time.monotonic() < self._end:
             return False
         noted = _noted.get()
@@ -47,7 +47,7 @@ class TimeLimit:
 
 
 def checked_seconds(owner: str, seconds: object) -> float | None:
-    """Return the seconds of a component option, or None.
+    """Check a time limit given as an option of a component: positive seconds, or None.
 
     Raises OptionError for other values.
 
@@ -67,7 +67,7 @@ def checked_seconds(owner: str, seconds: object) -> float | None:
 
 @contextmanager
 def noted_limits() -> Iterator[list[float]]:
-    """Yield the list of limits, in seconds, that end searches in this context.
+    """Yield a list to which every time limit reached within this context is added, in seconds.
 
     Examples
     --------
