@@ -1,1 +1,1 @@
-"""Build wheels (this folder is not part of them)."""
+"""Build of wheels with compiled kernels (this folder is not part of them)."""

@@ -1,4 +1,4 @@
-"""Build backend: hatchling, plus numba for wheels with precompiled kernels.
+"""Python build backend: hatchling, plus numba for wheels with precompiled kernels.
 
 Compiled kernels are valid for one version of numba, numpy and Python and one processor type; elsewhere
 kernels are compiled on first use. Therefore the tested versions are required, which README installs, not the
@@ -37,12 +37,12 @@ _CONSTRAINTS = Path(__file__).parents[2] / "constraints.txt"
 
 
 def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
-    """Return the build requirements of a wheel, in addition to hatchling."""
+    """Return the packages needed to build a wheel: those of hatchling, and those to compile kernels."""
     return [*hatchling.get_requires_for_build_wheel(config_settings), *compile_requirements()]
 
 
 def compile_requirements() -> list[str]:
-    """Return the requirements for compiling kernels, in the tested versions unless constraints are set.
+    """Return the packages needed to compile kernels, in tested versions unless the user constrains them.
 
     ``AGGLO_PREBUILD=0`` omits them, and the hook then omits the kernels.
     """

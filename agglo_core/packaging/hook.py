@@ -1,4 +1,4 @@
-"""Hatchling hook that adds compiled kernels to a wheel."""
+"""Hook of the build tool hatchling that adds compiled kernels to a wheel."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _COMPILE = "agglo_core.compiled.ahead_of_time"
 
 
 class CompiledKernels(BuildHookInterface[Any]):
-    """Compile kernels into ``agglo_core/compiled/machine_code``.
+    """Build step that compiles the kernels into ``agglo_core/compiled/machine_code``.
 
     If this fails, the wheel contains none.
     """
