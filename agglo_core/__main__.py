@@ -1,4 +1,4 @@
-"""Command line entry point for ``python -m agglo_core``."""
+"""Entry point of ``python -m agglo_core``: the command line."""
 
 from agglo_core.cli import main
 

@@ -1,4 +1,4 @@
-"""Array types and the read-only rule: dataclasses hold read-only C-contiguous arrays.
+"""Array types, and conversion to the read-only C-contiguous arrays that dataclasses hold.
 
 Read-only inputs also give every numba kernel a single signature: arguments are always read-only views,
 outputs always new arrays.
@@ -39,7 +39,7 @@ def _masked_type() -> tuple[type, ...]:
 
 
 def plain_array(values: Any, name: str = "array", error: type[AggloError] = MeshError) -> NDArray[Any]:
-    """Return ``values`` as an array in their own dtype.
+    """Convert values to a plain numpy array, without a change of dtype.
 
     Array subclasses become plain arrays.
 
@@ -65,7 +65,7 @@ def plain_array(values: Any, name: str = "array", error: type[AggloError] = Mesh
 def exact_cast(
     array: NDArray[Any], dtype: Any, name: str = "array", error: type[AggloError] = MeshError
 ) -> NDArray[Any]:
-    """Cast an array to ``dtype`` exactly.
+    """Convert an array to ``dtype``, and raise an error for values that ``dtype`` cannot hold.
 
     Only floats may be rounded.
 
@@ -110,7 +110,7 @@ def exact_cast(
 
 
 def owned(array: NDArray[Any]) -> NDArray[Any]:
-    """Return a read-only array without other writers: ``array`` itself, or a copy."""
+    """Return a read-only array that no other code can modify: ``array`` itself, or a copy."""
     base: Any = array
     while isinstance(base, np.ndarray) and not base.flags.writeable:
         base = base.base
@@ -185,7 +185,7 @@ def frozen_index(values: ArrayLike) -> Index:
 
 
 def trusted(kind: type[T], /, *values: Any, **keywords: Any) -> T:
-    """Create an object of a frozen dataclass without the checks of its constructor.
+    """Create an instance of a frozen dataclass without the checks of its constructor.
 
     Arrays become read-only, and are neither copied nor cast. They must be consistent and have no other
     writers.
@@ -205,13 +205,16 @@ def trusted(kind: type[T], /, *values: Any, **keywords: Any) -> T:
 
 
 def trusted_copy(original: T, /, **changes: Any) -> T:
-    """Copy an object with some fields replaced, without checks, as :func:`trusted`."""
+    """Copy an instance of a frozen dataclass with some fields replaced, without checks.
+
+    Arrays are treated as in :func:`trusted`.
+    """
     names = [field.name for field in fields(original)]  # type: ignore[arg-type]
     return trusted(type(original), **({name: getattr(original, name) for name in names} | changes))
 
 
 def _read_only(value: Any) -> Any:
-    """Return an array, or the arrays of a mapping, as read-only views."""
+    """Return an array, or a mapping of arrays, as read-only views. Other values are unchanged."""
     if isinstance(value, np.ndarray):
         return frozen(value, value.dtype)
     if isinstance(value, Mapping):
@@ -220,7 +223,7 @@ def _read_only(value: Any) -> Any:
 
 
 class FieldState:
-    """Base of frozen dataclasses whose pickles contain the fields only.
+    """Base of frozen dataclasses whose pickles contain only the fields, no cached properties.
 
     Cached properties are not pickled, so that equal objects have equal pickles whatever was computed from
     them.
@@ -235,7 +238,7 @@ class FieldState:
 
 
 def _forbid_writing(value: Any) -> None:
-    """Make unpickled arrays read-only in place, not as views, because two fields may share an array."""
+    """Make unpickled arrays read-only in place, because two fields may share an array."""
     if isinstance(value, np.ndarray):
         value.flags.writeable = False
     elif isinstance(value, Mapping | tuple | list):
@@ -244,7 +247,7 @@ def _forbid_writing(value: Any) -> None:
 
 
 def label_order(labels: Int) -> Int:
-    """Return the stable order ``(n,)`` of non-negative labels by radix sort.
+    """Return the stable permutation ``(n,)`` that sorts non-negative labels, by radix sort.
 
     This is several times faster than argsort.
     """
@@ -256,12 +259,12 @@ def label_order(labels: Int) -> Int:
 
 
 def index_cast(values: NDArray[Any], most: int) -> NDArray[Any]:
-    """Copy indices of a sparse matrix, in int32 if the largest value ``most`` fits (scipy's rule)."""
+    """Copy index arrays of a sparse matrix, as int32 if the largest index ``most`` fits (scipy's rule)."""
     return values.astype(np.int32 if most <= np.iinfo(np.int32).max else np.int64)
 
 
 def narrow(values: NDArray[Any]) -> NDArray[Any]:
-    """Convert integers to 32 bits if all fit.
+    """Convert int64 arrays to int32 if all values fit.
 
     Other values are unchanged.
     """
@@ -269,7 +272,7 @@ def narrow(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def fits_in_index(values: NDArray[Any]) -> bool:
-    """Return True if the values are int64 and fit in 32 bits."""
+    """Return True if the array is int64 and all its values fit in 32 bits."""
     if values.dtype != np.int64:
         return False
     limits = np.iinfo(np.int32)
@@ -277,14 +280,14 @@ def fits_in_index(values: NDArray[Any]) -> bool:
 
 
 def first_of_each(labels: Int) -> Int:
-    """Return the position ``(k,)`` of the first occurrence of each label 0..k−1 (without gaps)."""
+    """Return the index ``(k,)`` of the first occurrence of each label 0..k−1 (without gaps)."""
     first = np.empty(int(labels.max(initial=-1)) + 1, np.int64)
     first[labels[::-1]] = np.arange(len(labels))[::-1]  # the last assignment is the first occurrence
     return frozen_int(first)
 
 
 def splitmix(seeds: UInt64) -> UInt64:
-    """Apply the splitmix64 mixing step, which maps distinct numbers to well-spread numbers."""
+    """Hash integers by the splitmix64 mixing step: distinct inputs give distinct, well-spread outputs."""
     z = seeds + _MIX[0]
     z = (z ^ (z >> np.uint64(30))) * _MIX[1]
     z = (z ^ (z >> np.uint64(27))) * _MIX[2]

@@ -1,4 +1,4 @@
-"""Single import module for plugin authors: the interface for components, commands and declarations.
+"""Interface for plugin authors in one module: components, commands and declarations.
 
 The stub beside this file lists the names, which are imported on first use. The names are stable between
 versions, and agglo's own plugins import nothing else.

@@ -1,4 +1,4 @@
-"""Built-in components, declared through the same hook as plugins."""
+"""Built-in components, declared to the registry in the same way as those of plugins."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ _CONSTRAINTS = {
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Return all built-in components, without those of plugins."""
+    """Return the declarations of all built-in components."""
     own = (_refiners, _bisectors, _constraints, _metrics, _formats, _samples, _problems)
     parts = (*own, _smoothers, _multigrid, _solvers, _sections)
     return [component for each in parts for component in each()]

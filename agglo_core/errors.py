@@ -1,4 +1,4 @@
-"""Errors for bad input, files and components.
+"""Exceptions for invalid input, unreadable files and faulty components.
 
 The command line exits with 2 for each.
 """
@@ -9,7 +9,7 @@ __all__ = ["AggloError", "FileError", "MeshError", "OptionError", "PluginError"]
 
 
 class AggloError(Exception):
-    """Base of all deliberate errors.
+    """Base of all exceptions that agglo raises on purpose.
 
     The message contains the given value, the expected value and the location.
 
@@ -24,7 +24,7 @@ class AggloError(Exception):
 
 
 class MeshError(AggloError, ValueError):
-    """A mesh or graph that breaks a rule.
+    """Exception for a mesh or graph that violates a requirement.
 
     The message names cells or faces.
 
@@ -38,7 +38,7 @@ class MeshError(AggloError, ValueError):
 
 
 class OptionError(AggloError, ValueError):
-    """A target, option or argument outside the accepted values.
+    """Exception for a target, option or argument outside the accepted values.
 
     Examples
     --------
@@ -50,7 +50,7 @@ class OptionError(AggloError, ValueError):
 
 
 class FileError(AggloError, ValueError):
-    """A file that cannot be read or written.
+    """Exception for a file that cannot be read or written.
 
     The message names the file.
 
@@ -64,7 +64,7 @@ class FileError(AggloError, ValueError):
 
 
 class PluginError(AggloError, RuntimeError):
-    """A component that is missing, unusable or misbehaves.
+    """Exception for a component that is missing, unusable or faulty.
 
     The message names component, plugin and distribution.
 

@@ -1,4 +1,4 @@
-"""Import names of a module on first use, as listed in its stub file."""
+"""Import of a module's public names on first use, as listed in its stub file (``.pyi``)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ALIAS = re.compile(r"^(\w+) = (\w+)", re.MULTILINE)
 
 @cache
 def names_in_stub(file: Path) -> Mapping[str, tuple[str, str]]:
-    """Return module and original name for each name that a ``.pyi`` file imports.
+    """Return for each name in a ``.pyi`` file the module that defines it, and its name there.
 
     The stub holds statements ``from module import name as name``, which type checkers treat as public, and
     ``alias = name`` for renamed objects.
@@ -28,7 +28,7 @@ def names_in_stub(file: Path) -> Mapping[str, tuple[str, str]]:
 
 
 def import_name(importer: str, file: Path, name: str) -> object:
-    """Import the object that the stub ``file`` of module ``importer`` lists under a name.
+    """Import the object that the stub ``file`` of a module lists under this name.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Number of threads, and distribution of calls.
+"""Number of threads, and parallel execution of calls.
 
 Results never depend on the number.
 """
@@ -23,7 +23,7 @@ _few: ContextVar[int | None] = ContextVar("few", default=None)
 
 
 def thread_count() -> int:
-    """Return the number of threads: :func:`using_threads`, else the variable AGGLO_THREADS, else 1.
+    """Return the number of threads: from :func:`using_threads`, else from AGGLO_THREADS, else 1.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def thread_count() -> int:
 
 @contextmanager
 def using_threads(count: int | None, few: int | None = None) -> Iterator[None]:
-    """Use this number of threads in a context.
+    """Use this number of threads within the context.
 
     None leaves the number unchanged.
 
@@ -83,7 +83,7 @@ def using_threads(count: int | None, few: int | None = None) -> Iterator[None]:
 
 
 def mapped(call: Callable[..., _Result], *columns: Iterable[Any]) -> Iterator[_Result]:
-    """Yield results like :func:`map`, with as many simultaneous calls as there are threads.
+    """Yield results in order as :func:`map` does, but compute them in parallel threads.
 
     The threads end with the iteration. An exception of a call reaches the caller; afterwards, or if the
     caller stops early, pending calls are dropped. Inside calls the number of threads is 1.
@@ -109,7 +109,7 @@ def mapped(call: Callable[..., _Result], *columns: Iterable[Any]) -> Iterator[_R
 
 
 def ranges(n: int, *, few: int = _FEW, shares: int = 4, work: int | None = None) -> list[tuple[int, int]]:
-    """Divide 0..n−1 into consecutive ranges ``(start, stop)`` for the threads of this run.
+    """Divide 0..n−1 into consecutive ranges ``(start, stop)`` for parallel threads.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def over_ranges(
     shares: int = 4,
     work: int | None = None,
 ) -> list[_Result]:
-    """Return the results of ``call(start, stop)`` for all :func:`ranges`, computed in parallel.
+    """Call ``call(start, stop)`` for all :func:`ranges` in parallel, and return the results.
 
     Calls must not modify data of other ranges. They run in parallel where their kernels release the
     interpreter lock.
@@ -162,7 +162,9 @@ def over_ranges(
 
 
 def together(n: int, *calls: Callable[[], Any]) -> list[Any]:
-    """Return the results of independent calls, in parallel if the number n of items is large.
+    """Execute independent calls, in parallel if the number n of items is large.
+
+    The results are returned in the order of the calls.
 
     Examples
     --------
