@@ -99,14 +99,14 @@ class Ranks:
         return f"Ranks(rank {self.rank} of {self.size})"
 
     def gathered(self, value: T) -> list[T]:
-        """Gather all ranks' values, in rank order, on every rank."""
+        """Collect the values of all ranks, in rank order, on every rank (allgather)."""
         self._count(value, self.size - 1)
         self.meet()
         found: list[T] = self.comm.allgather(value)
         return found
 
     def summed(self, value: float) -> float:
-        """Return the sum over the ranks in rank order, equal on all ranks."""
+        """Sum a value over all ranks, in rank order, so that the result is equal on all of them."""
         return float(sum(self.gathered(value)))
 
     def largest(self, value: float) -> float:
@@ -125,7 +125,7 @@ class Ranks:
         return total
 
     def from_first(self, value: T) -> T:
-        """Return rank 0's value on every rank."""
+        """Return the value of rank 0 on every rank (broadcast)."""
         self._count(value, self.size - 1 if self.rank == 0 else 0)
         self.meet()
         found: T = self.comm.bcast(value, root=0)
@@ -176,7 +176,7 @@ class Ranks:
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Run the body without communication, and raise an error on all ranks if it fails on one.
+        """Context for code without communication: if it fails on one rank, it fails on all ranks.
 
         The failing rank raises its own error, all others a :class:`RankError` with its message. The body must
         not communicate.

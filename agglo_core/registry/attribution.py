@@ -13,7 +13,7 @@ from agglo_core.registry.containment import PLUGIN_FAILURES, describe_error, res
 
 @dataclass(frozen=True)
 class Member:
-    """A component in use: the built object (``tool``) and its name in error messages (``title``).
+    """A component object (``tool``) with its name in error messages (``title``).
 
     Examples
     --------
@@ -27,7 +27,7 @@ class Member:
     title: str
 
     def offers(self, *methods: str) -> bool:
-        """Return True if the object has at least one of the methods.
+        """Return True if the component has at least one of the methods.
 
         This is ten times faster than isinstance with a protocol.
         """

@@ -310,7 +310,7 @@ def _names(environ: Mapping[str, str], variable: str) -> set[str]:
 
 @cache
 def default() -> Registry:
-    """Return the registry of this process, which discovers the installed plugins on first use.
+    """Return the registry of this process. On first use it loads the installed plugins.
 
     Examples
     --------

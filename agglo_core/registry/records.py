@@ -70,7 +70,7 @@ class Record:
 
     @property
     def in_tree(self) -> bool:
-        """True for records of the ``agglo`` distribution itself, whose names are reserved."""
+        """True for components of the ``agglo`` distribution itself, whose names are reserved."""
         return re.sub(r"[-_.]+", "-", self.distribution).lower() == "agglo"
 
     @cached_property

@@ -172,7 +172,7 @@ class _Task:
         return self.made.hierarchy
 
     def solution(self, progress: Listener | None) -> Solution:
-        """Solve the problem."""
+        """Solve the problem with the levels of the hierarchy."""
         from agglo_core.problems.solving import run_solver
 
         solver = Member(self.tool, self.title)

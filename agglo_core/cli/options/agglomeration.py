@@ -190,7 +190,7 @@ def agglomeration_options(*, bisector: Amount = "one", method: Amount = "one") -
 def agglomeration_options(
     command: Command | None = None, *, bisector: Amount = "one", method: Amount = "one"
 ) -> Command | Decorator:
-    """Add the agglomeration options to a command (decorator).
+    """Add the options for all keywords of :func:`~agglo_core.agglomerate` to a command (decorator).
 
     The command receives a mapping ``agglomeration`` with arguments of :func:`agglo_core.agglomerate`. Absent
     options keep the defaults. Several kinds of target, or a refiner beside ``none``, are a UsageError. An

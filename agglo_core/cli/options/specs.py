@@ -156,7 +156,7 @@ def choice(kind: str, spec: str) -> tuple[str, dict[str, Any]]:
 
 
 def refuse_duplicates(flag: str, specs: Sequence[str]) -> None:
-    """Raise UsageError if a value is given twice."""
+    """Raise UsageError if an option lists the same value twice."""
     duplicates = sorted({spec for spec in specs if specs.count(spec) > 1})
     if duplicates:
         raise click.UsageError(f"{flag} {', '.join(duplicates)} is given twice")

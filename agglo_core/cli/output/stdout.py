@@ -25,7 +25,7 @@ class OwnCommand(click.Command):
     """Command whose results alone go to stdout. All other output goes to stderr."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command with :func:`stdout` as its output stream."""
+        """Run the command, with :func:`stdout` as the stream for its results."""
         with _reserve_stdout(quiet=bool(ctx.params.get("quiet"))) as stream:
             ctx.meta[_KEY] = stream
             return super().invoke(ctx)

@@ -69,7 +69,7 @@ class Table:
         return widths
 
     def widths(self, room: int, *, whole_heads: bool) -> list[int] | None:
-        """Return column widths with sum ``room`` or less, or None if the minimum widths exceed it."""
+        """Return column widths with sum at most ``room``, or None if the minimum widths exceed it."""
         widths = self.least(whole_heads=whole_heads)
         room -= sum(widths)
         if room < 0:

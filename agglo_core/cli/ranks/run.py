@@ -40,7 +40,7 @@ class _Level:
 
 @dataclass(frozen=True)
 class _Run:
-    """Data of a distributed run, with the attribute names of :class:`agglo_core.measure.RunResult`."""
+    """Result of a distributed run, with the attribute names of :class:`agglo_core.measure.RunResult`."""
 
     name: str
     hierarchy: DistributedHierarchy

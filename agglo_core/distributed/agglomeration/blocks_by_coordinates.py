@@ -83,7 +83,7 @@ def coordinate_blocks(points: Float, depth: int, reduced: Reduced = _reduce_on_o
 
 
 def _on_grid(points: Float, reduced: Reduced) -> Int:
-    """Return coordinates as integers ``(d, n)`` from 0 to 2^31, with equal step along all axes.
+    """Round coordinates to integers ``(d, n)`` from 0 to 2^31, with equal step along all axes.
 
     The middle is an integer, too, so that rounding does not tear a row of cells there.
     """

@@ -43,7 +43,7 @@ class Links:
     barrier: Mask
 
     def chosen(self, which: Mask | Int) -> Links:
-        """Select links by mask or indices."""
+        """Return the links selected by a mask or by indices."""
         return Links(*(getattr(self, name)[which] for name in _LINK))
 
     def renamed(self, node: Int, to: Int, domain: Int) -> Links:

@@ -40,7 +40,10 @@ class DomainRun:
     kept: Kept
 
     def levels(self, domain: Domain, goals: Sequence[Goal], number: int, turn: int) -> list[Int]:
-        """Return the labels ``(n,)`` of each level in a domain, after ``turn`` changes of the domains."""
+        """Agglomerate one domain, and return the labels ``(n,)`` of each level.
+
+        The seed depends on the domain ``number`` and on ``turn``, the number of changes of the domains so far.
+        """
         if domain.n == 0:
             return [frozen_int(np.empty(0))] * len(goals)
         kway = self.pipeline.method == "kway"
@@ -50,7 +53,10 @@ class DomainRun:
             return make(domain.by_itself(), goals, run, post, kway=kway, nested=self.pipeline.nested)
 
     def intermediate(self, domain: Domain, goal: Goal, number: int, turn: int) -> Int:
-        """Return the labels of an auxiliary level without bounds, from which larger domains are formed."""
+        """Agglomerate one domain to an auxiliary level without bounds on part sizes.
+
+        Return the labels, from which larger domains are formed.
+        """
         if domain.n == 0:
             return frozen_int(np.empty(0))
         run, post = self._seeded(number, turn), self._post(domain, ())
@@ -72,7 +78,7 @@ class DomainRun:
         return PostPass(self.pipeline.merge, bool(self.run.post_refiners), rules)
 
     def _seeded(self, number: int, turn: int) -> Run:
-        """Return the run with a random seed for this domain. The first domain has the seed of the run."""
+        """Return the run with a seed that depends on the domain. The first domain has the seed of the run."""
         if number == turn == 0:
             return self.run
         root: UInt64 = np.array([self.run.seed], np.uint64)

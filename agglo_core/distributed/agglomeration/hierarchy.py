@@ -63,7 +63,7 @@ class DistributedHierarchy:
 
     @property
     def parts(self) -> list[int]:
-        """Number of agglomerates per level, over all ranks."""
+        """Total number of agglomerates of each level over all ranks."""
         return [int(bounds[-1]) for bounds in self.bounds]
 
     def parents(self, level: int) -> Int:

@@ -55,7 +55,7 @@ def _refuse_unknown(member: Member) -> None:
 
 
 def _values(coarse: DistributedMesh, member: Member, largest: float) -> Float:
-    """Return a metric for the parts of this rank, if relative then to the largest part on all ranks."""
+    """Return a metric of the parts on this rank. Relative metrics refer to the largest part on any rank."""
     local = coarse.local
     if not len(coarse.own):
         return np.empty(0)

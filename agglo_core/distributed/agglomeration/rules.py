@@ -57,7 +57,7 @@ class Kept:
 
 
 def evaluate_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry) -> Kept:
-    """Evaluate the constraints of the run on a rank's cells and ghosts, and agree between ranks.
+    """Evaluate the constraints of a run on a rank's cells and ghosts, consistently on all ranks.
 
     A rule without effect on some ranks, such as a patch that lies elsewhere, still applies to the others.
 
@@ -100,7 +100,7 @@ def evaluate_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Regis
 
 
 def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:
-    """Yield the constraints of the run one by one, so that an inapplicable one affects no other."""
+    """Yield the constraints of the run one by one, so that an error in one does not affect the others."""
     for each in pipeline.constraints:
         yield Rules(constraints=(each,))
     for name in ("regions", "barriers", "where", "boundary_rules"):

@@ -34,7 +34,7 @@ class Numbering:
 
     @property
     def parts(self) -> int:
-        """Number of parts on all ranks."""
+        """Total number of parts over all ranks."""
         return int(self.first[-1])
 
 
@@ -120,7 +120,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Return:
-    """Record of joined domains, for the transfer of node values back to the original domains.
+    """Information to send node values from joined domains back to the original domains.
 
     Attributes
     ----------
@@ -152,7 +152,7 @@ class Return:
 def move_pieces(
     ranks: Ranks, pieces: Sequence[tuple[int, Domain]], count: int, renumbered: Callable[[Int], Int]
 ) -> tuple[Stage, Return]:
-    """Send domains to their new ranks, and join those with equal new number into one.
+    """Send each domain to the rank of its new number, and join domains with equal number into one.
 
     Parameters
     ----------

@@ -188,7 +188,7 @@ class DistributedMesh(CellValues):
         allow_gaps: bool = False,
         name: str = "",
     ) -> DistributedMesh:
-        """Build a mesh as :meth:`from_local`, but identify points with exactly equal coordinates.
+        """Build a mesh as :meth:`from_local`, but recognise common points by exactly equal coordinates.
 
         Examples
         --------
@@ -237,7 +237,7 @@ class DistributedMesh(CellValues):
         check_laws(self._own_cells(), self.global_ids, self.owners, held, self.n_cells, self.ranks)
 
     def coarsen(self, labels: ArrayLike, bounds: ArrayLike) -> DistributedMesh:
-        """Return the mesh of agglomerates.
+        """Return the coarse mesh, whose cells are the agglomerates.
 
         Points and faces keep their numbers, and unused points are dropped. A cell tag survives if constant on
         every part. Face tags survive.

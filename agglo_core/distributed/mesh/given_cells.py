@@ -141,7 +141,7 @@ def _check_lists(points: ArrayLike, cells: Any, point_ids: ArrayLike | None) -> 
 
 
 def _require_agreement(values: list[Any], template: str, ranks: Ranks) -> Any:
-    """Return the value that all ranks with cells agree on, or raise MeshError on all ranks."""
+    """Return the value common to all ranks with cells, or raise MeshError on all ranks if they differ."""
     answers = [(rank, value) for rank, value in enumerate(values) if value is not None]
     if not answers:
         raise MeshError("the mesh is empty: no rank has a cell")

@@ -1,4 +1,4 @@
-"""Ghosts (face neighbours on other ranks), and the local mesh of own cells and ghosts."""
+"""Ghosts (face neighbours on other ranks), and the mesh of a rank's cells and ghosts."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def all_cells(mesh: Mesh, global_ids: Int, owners: Int, point_ids: Int, face_ids
 
 
 def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:
-    """Build the cells as a mesh.
+    """Build a mesh from the cells and ghosts of a rank, and mark the faces to cells outside.
 
     A ghost face to a cell outside the mesh becomes an outer face without tags. If the missing cell owns the
     face, the loop is reversed, because the owner must be in the mesh. Own cells are not affected: all their

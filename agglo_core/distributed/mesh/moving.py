@@ -16,7 +16,7 @@ from agglo_core.mesh.elements import gather
 
 
 def check_bounds(labels: NDArray[Any], bounds: NDArray[Any], cells: Int, ranks: Ranks) -> None:
-    """Raise MeshError unless labels and bounds are valid for ``DistributedMesh.coarsen``.
+    """Raise MeshError unless labels and offsets are valid arguments of ``DistributedMesh.coarsen``.
 
     Other ranks raise RankError. ``cells (n_own,)`` are global ids.
     """
@@ -37,7 +37,7 @@ def check_bounds(labels: NDArray[Any], bounds: NDArray[Any], cells: Int, ranks: 
 
 
 def check_destinations(to: NDArray[Any], cells: Int, ranks: Ranks) -> None:
-    """Raise MeshError unless each own cell goes to an existing rank (RankError on other ranks)."""
+    """Raise MeshError unless the new rank of each cell exists (RankError on other ranks)."""
     with ranks.together():
         _check_integers("ranks", to)
         wrong = np.flatnonzero((to < 0) | (to >= ranks.size))

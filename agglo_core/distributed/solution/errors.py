@@ -1,4 +1,4 @@
-"""Error norms for a distributed solution, measured by each rank on its own cells."""
+"""Norms of the discretisation error of a distributed solution, from the cells of all ranks."""
 
 from __future__ import annotations
 

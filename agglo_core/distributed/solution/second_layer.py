@@ -1,4 +1,4 @@
-"""Second ghost layer, for computations that need ghosts' neighbours."""
+"""Second layer of ghosts, for computations that need the neighbours of ghosts."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
 
 
 def _add_neighbours(view: _Seen, cells: Int) -> _Seen:
-    """Return the given cells with their neighbours."""
+    """Return the given cells together with their neighbours."""
     sides = places(view.cells.face_cells, view.cells.cells)
     chosen, near = np.zeros((2, len(view.cells.cells) + 1), bool)
     chosen[cells] = True
