@@ -42,7 +42,7 @@ class DomainRun:
     def levels(self, domain: Domain, goals: Sequence[Goal], number: int, turn: int) -> list[Int]:
         """Agglomerate one domain, and return the labels ``(n,)`` of each level.
 
-        The seed depends on the domain ``number`` and on ``turn``, the number of changes of the domains so far.
+        The seed depends on ``number`` and on ``turn``, the number of changes of the domains so far.
         """
         if domain.n == 0:
             return [frozen_int(np.empty(0))] * len(goals)

@@ -156,7 +156,7 @@ def cells_beyond(
 
 
 def _turns(vertices: Int, offsets: Int, low: Int) -> Int:
-    """Return the point after the smallest one in each face loop, which identifies the loop's orientation.
+    """Return the successor of the smallest point id in each face loop, which shows the orientation.
 
     For an edge, return its first point.
     """

@@ -83,7 +83,7 @@ def write_solution(
 
 
 def by_cell(mesh: DistributedMesh, x: ArrayLike) -> Float:
-    """Return the unknowns as one row per cell of this rank, or raise OptionError. Collective."""
+    """Return the unknowns as one row per cell of this rank. A wrong shape raises OptionError. Collective."""
     ranks, cells = mesh.ranks, len(mesh.own)
     with ranks.together():
         unknowns = np.asarray(x, float)
