@@ -44,7 +44,7 @@ _LISTED = 6  # number of triangle blocks up to which lists are not copied
 
 @helper
 def _radius_at(solid, x, y, z):
-    """Return the distance from a point to the surface, negative outside."""
+    """Return the distance from a point to the surface of the solid, negative outside."""
     corners, table, m, blocks = solid
     distance = np.sqrt(table[nearest_triangle(table, np.int64(0), blocks, x, y, z) + VALUES])
     return distance if inside_triangles(corners, table, m, x, y, z) else -distance
@@ -52,7 +52,7 @@ def _radius_at(solid, x, y, z):
 
 @helper
 def _polish_ball(solid, at, radius, sides, centre, some, weight, inverse, row):
-    """Return the radius of the largest ball nearby (Newton's method with a trust region).
+    """Move the centre of an inscribed ball to a nearby local maximum of the radius, by Newton steps.
 
     ``at (3,)`` is the initial centre of the ball with this ``radius``, and receives the new centre. The
     triangles that touch the ball and their λ are written to ``some`` and ``weight``, ``(4,)`` each.
@@ -96,7 +96,7 @@ def _average(table, some, weight, x, y, z):
 
 @helper
 def _highest_average(table, some, weight, x, y, z, sides, enough):
-    """Return the maximum of an average distance over a box: a bound on ball radii.
+    """Return the maximum of a weighted average of distances over a box: a bound on ball radii.
 
     Infinite, without further work, if the average exceeds ``enough`` at the centre. The average is convex,
     hence maximal at a corner.
@@ -113,7 +113,7 @@ def _highest_average(table, some, weight, x, y, z, sides, enough):
 
 @helper
 def _box_around_all(corners, m, low, sides):
-    """Write centre and half sides of the bounding box of the triangles."""
+    """Write centre and half side lengths of the bounding box of the triangles."""
     for k in range(3):
         least, most = np.inf, -np.inf
         for i in range(m):
@@ -124,7 +124,7 @@ def _box_around_all(corners, m, low, sides):
 
 @helper(allocates=True)
 def _largest_ball(corners, table, m, blocks, diameter, best, heap):
-    """Return the radius of the largest ball anywhere, by best-first branch and bound.
+    """Return the radius of the largest inscribed ball with any centre, by best-first branch and bound.
 
     Also returns table and heap for reuse. ``best`` is the radius about the origin, 0 if the origin is
     outside. See :func:`balls` for the bounds. The columns of boxes follow :mod:`agglo_core.shapes.box_heap`,
@@ -256,7 +256,7 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
 
 @kernel
 def balls(points, first, offsets, faces, face_cells, starts, triangles, centroids, diameters, anywhere):
-    """Return the radius of the largest ball inside each agglomerate, anywhere or about the centroid.
+    """Return the radius of the largest ball inside each agglomerate, with any centre or about the centroid.
 
     Agglomerate ``first + c`` has the faces ``faces[offsets[c]:offsets[c + 1]]``, and face f the ``triangles``
     numbered ``starts[f]:starts[f + 1]``. About a centroid outside the agglomerate the radius is 0.

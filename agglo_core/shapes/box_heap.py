@@ -1,4 +1,4 @@
-"""A heap of boxes, ordered by bound, with the largest bound on top.
+"""A heap (priority queue) of boxes with the largest bound on top, for branch and bound.
 
 The row of a box begins with its bound. In 2-D the other numbers are the centre x, y, both half sides, the
 signed distance from the centre to the boundary (0 if unknown), the first and the last column of the relevant
@@ -19,14 +19,17 @@ WIDTH = 10  # numbers per row, see above
 
 @helper
 def _move(source, i, target, j):
-    """Copy a row number by number, because slices take numba a second longer to compile."""
+    """Copy row i of ``source`` to row j of ``target``.
+
+    Number by number, because slices take numba a second longer to compile.
+    """
     for k in range(WIDTH):
         target[j, k] = source[i, k]
 
 
 @helper
 def pop(heap, size, box):
-    """Pop the box with the largest bound from a heap with ``size`` boxes."""
+    """Remove the box with the largest bound from a heap with ``size`` boxes, and write it to ``box``."""
     i, j = np.int64(0), np.int64(1)  # typed, because literals would compile another version of every kernel
     _move(heap, i, box, i)
     while j < size - 1:  # move the last entry to the top and sift it down
@@ -41,7 +44,7 @@ def pop(heap, size, box):
 
 @helper(allocates=True)
 def push(heap, size, box):
-    """Push a box on a heap with ``size`` boxes, and return the heap, enlarged if it was full."""
+    """Insert a box in a heap with ``size`` boxes, and return the heap, enlarged if it was full."""
     # 1. Enlarge a full heap.
     if size == len(heap):
         new_heap = np.empty((2 * size, WIDTH))

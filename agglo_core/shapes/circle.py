@@ -1,4 +1,4 @@
-"""Largest inscribed circles of 2-D agglomerates: even-odd rule and best-first branch and bound.
+"""Largest inscribed circles of 2-D agglomerates, by best-first branch and bound over boxes.
 
 Holes, several loops and pinch vertices need no special case. Coordinates are relative to the agglomerate's
 centroid and along its principal axes, so that boxes around thin agglomerates are thin.
@@ -46,7 +46,7 @@ _THIN = 3.0  # box side ratio above which the choice of the halved axis matters
 
 @helper
 def _polish_circle(edges, m, x, y, radius, trio, weight, inverse):
-    """Return centre and radius of the largest circle nearby, after up to three Newton steps.
+    """Move an inscribed circle to a nearby local maximum of the radius, by up to three Newton steps.
 
     The edges that touch the circle and their λ are written to ``trio`` and ``weight``, ``(3,)`` each.
     """
@@ -84,7 +84,7 @@ def _in_convex(edges, m, diameter, trio, weight, inverse):
 
 @helper
 def _average(edges, some, weight, x, y):
-    """Return the weighted average of the distances from (x, y) to some edges."""
+    """Return the weighted average of the distances from (x, y) to up to three edges."""
     average = 0.0
     for n in range(3):
         if weight[n] > 0.0:
@@ -95,7 +95,7 @@ def _average(edges, some, weight, x, y):
 
 @helper
 def _excludes_box(edges, some, weight, x, y, sx, sy, enough):
-    """Return True if an average of distances does not exceed ``enough`` anywhere in a box.
+    """Return True if a weighted average of distances is at most ``enough`` everywhere in a box.
 
     No circle with its centre in the box is then larger. The average is convex, hence maximal at a corner. The
     centre fails most often, so it is tested first.
@@ -111,7 +111,7 @@ def _excludes_box(edges, some, weight, x, y, sx, sy, enough):
 
 @helper
 def _steeper(edges, some, weight, x, y, sx, sy):
-    """Return the axis with the larger increase of an average from the box centre to its sides."""
+    """Return the axis along which a weighted average of distances increases more from centre to sides."""
     one = max(_average(edges, some, weight, x - sx, y), _average(edges, some, weight, x + sx, y))
     two = max(_average(edges, some, weight, x, y - sy), _average(edges, some, weight, x, y + sy))
     return 0 if one > two else 1
@@ -119,7 +119,7 @@ def _steeper(edges, some, weight, x, y, sx, sy):
 
 @helper(allocates=True)
 def _largest(edges, m, diameter, best, heap):
-    """Return centre and radius of the largest circle, by best-first branch and bound.
+    """Return centre and radius of the largest inscribed circle, by best-first branch and bound.
 
     Also returns edges and heap for reuse. ``best`` is the radius about the origin, 0 if the origin is
     outside. See :func:`circles` for the bounds. The columns of boxes follow
@@ -241,7 +241,7 @@ def _largest(edges, m, diameter, best, heap):
 
 @helper(allocates=True)
 def _radius(edges, m, diameter, anywhere, heap, links):
-    """Return the radius of the largest circle, anywhere or about the origin.
+    """Return the radius of the largest circle inside an outline, with any centre or about the origin.
 
     Also returns edges and heap for reuse. ``links`` is the workspace of
     :func:`~agglo_core.shapes.inscribed_2d.simplify_outline`.
@@ -264,7 +264,7 @@ def _radius(edges, m, diameter, anywhere, heap, links):
 
 @kernel
 def circles(points, offsets, faces, face_vertices, centroids, diameters, anywhere):
-    """Return the radius of the largest circle inside each agglomerate, anywhere or about the centroid.
+    """Return the radius of the largest circle inside each agglomerate, with any centre or about the centroid.
 
     Agglomerate c has the edges ``faces[offsets[c]:offsets[c + 1]]``. About a centroid outside the agglomerate
     the radius is 0.

@@ -14,7 +14,7 @@ _STRAIGHT = 1e-8  # radians; rounding of coordinates tilts coplanar triangles by
 
 @helper
 def _root(parent, t):
-    """Return the representative of the triangles joined with t (union-find with path halving)."""
+    """Return the root of triangle t in the union-find forest, halving the path to it."""
     while parent[t] != t:
         parent[t] = parent[parent[t]]
         t = parent[t]
@@ -23,7 +23,7 @@ def _root(parent, t):
 
 @helper
 def _normals(points, corners, m, normals):
-    """Write unit normals and, in the last column, areas of triangles.
+    """Write the unit normals of triangles and, in the last column, their areas.
 
     Degenerate triangles have a zero normal.
     """
@@ -54,7 +54,7 @@ def _in_line(normals, s, t):
 
 @kernel
 def face_ratios(points, first, offsets, faces, face_cells, starts, triangles):
-    """Return the area ratio of the smallest to the largest flat face of each cell, from ``first`` on.
+    """Return the area ratio of the smallest to the largest flat face of each cell.
 
     Coplanar triangles with a common edge form one face. Cell ``first + c`` has the faces
     ``faces[offsets[c]:offsets[c + 1]]``, and face f the ``triangles`` numbered ``starts[f]:starts[f + 1]``.

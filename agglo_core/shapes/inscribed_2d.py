@@ -1,4 +1,4 @@
-"""Largest circle inside a polygon with holes: edge distances, boxes, slabs and chains."""
+"""Geometry for the largest circle inside a polygon with holes: edge distances, bounds, trapezoids."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -19,7 +19,9 @@ FIRST, LAST = 8, 9  # rows of the vertices a and b, until planes are written the
 
 @helper(allocates=True)
 def gather_edges(points, start, stop, faces, face_vertices, x0, y0, edges):
-    """Return the edge table of one agglomerate, in ``edges`` if it is large enough, and the edge count.
+    """Collect the edges of one agglomerate in a table, and return the table and the edge count.
+
+    The table is ``edges`` if that is large enough.
 
     The origin is (x0, y0), the first axis is the axis of the largest moment. Edges without length are
     dropped.
@@ -56,7 +58,7 @@ def gather_edges(points, start, stop, faces, face_vertices, x0, y0, edges):
 
 @helper
 def bounding_box(edges, m):
-    """Return centre and half sides of the bounding box of the edges."""
+    """Return centre and half side lengths of the bounding box of the edges."""
     x_low, x_high, y_low, y_high = np.inf, -np.inf, np.inf, -np.inf
     for i in range(m):
         x, y = edges[0, i], edges[1, i]
@@ -76,7 +78,7 @@ def offset(edges, i, x, y):
 
 @helper
 def nearest_edge(edges, start, stop, x, y):
-    """Return the edge nearest to (x, y).
+    """Return the index of the edge nearest to (x, y).
 
     The squared distances of all edges are written to row ``ROWS``.
     """
@@ -119,14 +121,14 @@ def crosses(edges, start, stop, axis, place, to, level):
 
 @helper
 def signed_distance(edges, m, x, y):
-    """Return the distance from (x, y) to the boundary, negative outside."""
+    """Return the distance from (x, y) to the outline, negative outside."""
     distance = np.sqrt(edges[ROWS, nearest_edge(edges, np.int64(0), m, x, y)])
     return distance if crosses(edges, np.int64(0), m, np.int64(0), np.inf, x, y) else -distance
 
 
 @helper
 def is_inside(edges, m, start, stop, axis, x0, y0, distance0, tiny, x, y):
-    """Return True if (x, y), reached along an axis from (x0, y0), is inside.
+    """Return True if (x, y) is inside, given the side of (x0, y0) on the same axis-parallel line.
 
     The point (x0, y0) has signed distance ``distance0``. ``start`` to ``stop`` are the edges near both
     points. All ``m`` edges are used if (x0, y0) is within ``tiny`` of the boundary.
@@ -143,7 +145,7 @@ def is_inside(edges, m, start, stop, axis, x0, y0, distance0, tiny, x, y):
 
 @helper
 def apart(edges, start, stop, x, y, sx, sy):
-    """Return True if no edge meets a box with centre (x, y) and half sides sx, sy."""
+    """Return True if no edge meets a box with centre (x, y) and half side lengths sx, sy."""
     meeting = 0
     for j in range(stop - start):
         # Separating axes: a box and an edge are disjoint if they are disjoint along x, along y or along the
@@ -158,7 +160,7 @@ def apart(edges, start, stop, x, y, sx, sy):
 
 @helper(allocates=True)
 def list_near_edges(edges, start, stop, limit, top):
-    """Copy the near edges to columns from ``top`` on, if at most half of the edges are near.
+    """Copy the edges near a point to table columns from ``top`` on, if at most half of the edges are near.
 
     Near edges have a squared distance of at most ``limit``, as computed by :func:`nearest_edge`. Returns the
     table, enlarged if it was full, and the column range of the list: the copies, or all edges as before if
@@ -191,7 +193,7 @@ _STEPS = 40  # maximum number of pivots in a linear program, a safeguard; more t
 
 @helper
 def linearise_distances(edges, start, stop, x, y):
-    """Write the distances to (x, y) and their gradients, unit vectors, to the edge table."""
+    """Write the distances from (x, y) to the edges, and their gradients, to the edge table."""
     for j in range(stop - start):
         i = np.uint64(start + j)
         wx, wy = x - edges[0, i], y - edges[1, i]
@@ -204,7 +206,7 @@ def linearise_distances(edges, start, stop, x, y):
 
 @helper
 def majorise_distances(edges, start, stop, x, y, sx, sy):
-    """Write planes above the edge distances over a box to the table.
+    """Write an affine upper bound ("plane") of the distance to each edge over a box to the edge table.
 
     The box has centre (x, y) and half sides sx, sy. A plane is stored as its value at the centre and its
     gradient.
@@ -254,7 +256,7 @@ def convex(edges, m, tiny):
 
 @helper
 def tightest(edges, start, stop, px, py):
-    """Return the edge with the lowest plane at p.
+    """Return the index of the edge with the lowest plane (affine bound of its distance) at p.
 
     The values of all planes are written to row ``ROWS``.
     """
@@ -272,7 +274,7 @@ def tightest(edges, start, stop, px, py):
 
 @helper
 def largest_in_box(edges, start, stop, nearest, sx, sy, enough, tiny, some, weight, m):
-    """Maximise the minimum of the edge planes over a box, by the dual simplex method.
+    """Maximise the minimum of the edges' affine distance bounds over a box, by the dual simplex method.
 
     The linear program in (p, r): maximise r with r - g_i · p ≤ d_i for each plane (d_i its value at the box
     centre, g_i its gradient), |p_x| ≤ sx and |p_y| ≤ sy. Returns p, relative to the centre, and r. Writes up
@@ -340,7 +342,7 @@ _CROWD = 24
 
 @helper
 def _next_slab(edges, order, begins, active, count, n_begun, x_left):
-    """Move the sweep line to ``x_left``, and update the active edges.
+    """Advance the sweep line to ``x_left``, and update the set of edges that cross it.
 
     ``active[:count]`` are the edges crossed by the line, ``order`` all edges sorted by their left ends
     ``begins``, of which ``n_begun`` were visited. Returns the numbers of active and visited edges, and the
@@ -370,7 +372,7 @@ def _next_slab(edges, order, begins, active, count, n_begun, x_left):
 
 @helper
 def _sort_upwards(edges, active, y_left, y_right, count, x_left, x_right):
-    """Sort the active edges by height, and write their heights at ``x_left`` and ``x_right``.
+    """Sort the edges that cross a vertical slab by height.
 
     The heights are written to ``y_left`` and ``y_right``. Edges do not cross within a slab, so
     the height at its middle decides. Insertion sort, as the order changes little from slab to slab.
@@ -391,7 +393,7 @@ def _sort_upwards(edges, active, y_left, y_right, count, x_left, x_right):
 
 @helper(allocates=True)
 def slabs(edges, m, best, accuracy, heap, box):
-    """Push the box around each trapezoid that may contain a circle larger than the best so far.
+    """Cut the interior into trapezoids, and push a box around each that may contain a larger circle.
 
     Vertical lines through all vertices cut the inside into trapezoids. The best circle so far is the circle
     of radius ``best`` about the origin, or a circle about the middle of the longest vertical side visited so
@@ -441,7 +443,7 @@ def slabs(edges, m, best, accuracy, heap, box):
 
 @helper
 def _append(edges, m, ax, ay, bx, by):
-    """Append the edge ab to the table and return the new edge count."""
+    """Append the edge ab to the table, and return the new edge count."""
     edges[0, m], edges[1, m], edges[4, m], edges[5, m] = ax, ay, bx, by
     edges[2, m], edges[3, m] = bx - ax, by - ay
     edges[6, m] = 1.0 / (edges[2, m] ** 2 + edges[3, m] ** 2)
@@ -450,7 +452,7 @@ def _append(edges, m, ax, ay, bx, by):
 
 @helper
 def _walk(edges, seed, links, is_visited, tiny, rough, k):
-    """Follow the chain from ``seed``, and append its straight edges to ``rough``.
+    """Follow a chain of edges from ``seed``, and append straight edges that approximate it to ``rough``.
 
     The walk ends where the chain branches or closes. A straight edge grows while the line from its start
     ``a`` to the next vertex passes all vertices in between by less than ``tiny``: its slope relative to the
@@ -492,7 +494,7 @@ def _walk(edges, seed, links, is_visited, tiny, rough, k):
 
 @helper(allocates=True)
 def simplify_outline(edges, m, links, tiny):
-    """Return a table with fewer edges that deviate by less than ``tiny``, and the edge count.
+    """Approximate an outline by fewer edges within ``tiny``, and return their table and number.
 
     The outline has ``m`` edges. ``links (points, 2)`` is workspace: zeros, before and after.
     """

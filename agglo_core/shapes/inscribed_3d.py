@@ -1,4 +1,4 @@
-"""Largest ball inside a polyhedron: triangle table, triangle distances, box searches."""
+"""Geometry for the largest ball inside a polyhedron: triangle distances, bounds, linear programs."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -25,7 +25,7 @@ _SWEEPS = 5  # sweeps of Jacobi's method, with a margin: three already converge
 
 @helper
 def _turn(moments, axes, p, q):
-    """Apply a Jacobi rotation that makes the mixed moment of axes p and q 0."""
+    """Apply the Jacobi rotation that annihilates the entry (p, q) of the moment matrix."""
     if abs(moments[p, q]) <= 1e-300:
         return
     # tan of the smaller angle, from t² + 2θt - 1 = 0.
@@ -68,7 +68,7 @@ def _principal_axes(points, corners, m, centre, moments, axes):
 
 @helper
 def _describe(corners, t, table, i):
-    """Write a triangle with these corners to place i of the table, or return False if degenerate."""
+    """Write frame and shape of a triangle to column i of the table, or return False if it is degenerate."""
     # 1. Sides ab and ac, and the normal, whose length is twice the area.
     ax, ay, az = corners[t, 0], corners[t, 1], corners[t, 2]
     ux, uy, uz = corners[t, 3] - ax, corners[t, 4] - ay, corners[t, 5] - az
@@ -99,13 +99,13 @@ def _describe(corners, t, table, i):
 
 @helper
 def place(at):
-    """Return the table place of triangle number ``at`` in a list that starts with the first block."""
+    """Return the offset of triangle number ``at`` in the blocked triangle table."""
     return at // LANES * BLOCK + at % LANES
 
 
 @helper
 def _group(table, count, tiny):
-    """Write the group of each triangle: the first coplanar triangle on the same side of the solid.
+    """Write for each triangle its group: the first coplanar triangle on the same side of the solid.
 
     Planes count as equal if their distances from the origin differ by at most ``tiny`` and the cosine of the
     angle between their normals is at least 1 - 1e-14.
@@ -128,7 +128,7 @@ def _group(table, count, tiny):
 
 @helper
 def fill(table, count):
-    """Fill the last block with copies of its first triangle and return the block count."""
+    """Fill the last block of the table with copies of its first triangle, and return the block count."""
     blocks = (count + LANES - 1) // LANES
     first = place((blocks - 1) * LANES)
     for at in range(count, blocks * LANES):
@@ -140,7 +140,7 @@ def fill(table, count):
 
 @helper(allocates=True)
 def gather_triangles(points, triangles, m, centre, moments, axes, corners, table):
-    """Return the triangle table of one agglomerate, the triangle count and the block count.
+    """Collect the triangles of one agglomerate in a table, and return it with triangle and block counts.
 
     The table is ``table`` if it is large enough. The origin is the centre, the axes are principal axes.
     Degenerate triangles are dropped. The ``corners (m, 9)`` are also written.
@@ -164,7 +164,7 @@ def gather_triangles(points, triangles, m, centre, moments, axes, corners, table
 
 @helper(inline=True)
 def _own_place(table, i, x, y, z):
-    """Return a point's coordinates in a triangle frame: along the first side, across it, and height."""
+    """Return a point's coordinates in a triangle's frame: along the first side, across it, and height."""
     s = x * table[i] + y * table[i + ROW[1]] + z * table[i + ROW[2]] - table[i + ROW[9]]
     t = x * table[i + ROW[3]] + y * table[i + ROW[4]] + z * table[i + ROW[5]] - table[i + ROW[10]]
     h = x * table[i + ROW[6]] + y * table[i + ROW[7]] + z * table[i + ROW[8]] - table[i + ROW[11]]
@@ -173,7 +173,7 @@ def _own_place(table, i, x, y, z):
 
 @helper(inline=True)
 def _apart(table, i, s, t):
-    """Return the in-plane vector from the nearest triangle point, and the distance to the sides.
+    """Return the in-plane vector from the nearest triangle point, and the distance to the side lines.
 
     The point has coordinates (s, t) in the triangle frame. The vector is 0 inside. The distance is the
     minimum over the side lines, negative outside. Without branches, for vector registers.
@@ -199,7 +199,7 @@ def _apart(table, i, s, t):
 
 @helper
 def distance_to(table, i, x, y, z):
-    """Return the distance from a point to the triangle at place i."""
+    """Return the distance from a point to the triangle at offset i of the table."""
     i = np.uint64(i)
     s, t, h = _own_place(table, i, x, y, z)
     ds, dt, _ = _apart(table, i, s, t)
@@ -208,7 +208,7 @@ def distance_to(table, i, x, y, z):
 
 @helper
 def nearest_triangle(table, start, stop, x, y, z):
-    """Return the triangle nearest to a point.
+    """Return the table offset of the triangle nearest to a point.
 
     The squared distances of all triangles are written to the table.
     """
@@ -224,7 +224,7 @@ def nearest_triangle(table, start, stop, x, y, z):
 
 @helper
 def lowest(table, start, stop):
-    """Return the first triangle with the lowest value."""
+    """Return the table offset of the first triangle with the lowest stored value."""
     best, least = start * BLOCK, np.inf
     for block in range(start, stop):
         for lane in range(LANES):
@@ -236,7 +236,7 @@ def lowest(table, start, stop):
 
 @helper
 def linearise_triangles(table, start, stop, x, y, z, sx, sy, sz):
-    """Write planes above the triangle distances, valid in a box, to the table.
+    """Write affine upper bounds ("planes") of the triangle distances in a box to the table.
 
     The box has centre (x, y, z) and half sides sx, sy, sz, and R is half its diagonal. For R = 0 the planes
     are tangents: distances and their gradients. Let d be the distance at the centre, and q the nearest point
@@ -277,7 +277,7 @@ def linearise_triangles(table, start, stop, x, y, z, sx, sy, sz):
 
 @helper
 def lower_planes(table, blocks, some, weight, x, y, z, sides):
-    """Lower the planes of triangles in large flat faces, and return True if any plane was lowered.
+    """Lower the affine distance bounds of triangles in large flat faces, and return True if any was lowered.
 
     The distance to a triangle may be replaced by the distance to its face's plane if the box, seen along the
     normal, lies on the face: if the face's rim, where triangles in other planes begin, is at least R from the
@@ -318,7 +318,7 @@ def lower_planes(table, blocks, some, weight, x, y, z, sides):
 
 @helper
 def _crossing_sign(corners, t, p, q, x, y):
-    """Return ±1 if side pq, seen along z, crosses the ray from (x, y) in direction x, else 0.
+    """Return ±1 if side pq, projected along z, crosses the ray from (x, y) in direction x, else 0.
 
     +1 is an upward crossing, −1 a downward crossing.
     """
@@ -336,7 +336,7 @@ def _crossing_sign(corners, t, p, q, x, y):
 
 @helper
 def inside_triangles(corners, table, m, x, y, z):
-    """Return True if a point is inside: the ray along z enters and leaves the solid unequally often.
+    """Return True if a point is inside: if signed surface crossings of an upward ray do not cancel.
 
     Sides count with one sign for both adjacent triangles, so that a ray through an edge or a corner needs no
     special case. Neither do cavities, loose parts and pinched edges.
@@ -361,7 +361,7 @@ def inside_triangles(corners, table, m, x, y, z):
 
 @helper(allocates=True)
 def shorter_list(table, start, stop, limit, top):
-    """Copy the triangles at a squared distance of at most ``limit`` to the blocks from ``top`` on.
+    """Copy the triangles at a squared distance of at most ``limit`` to the table blocks from ``top`` on.
 
     The squared distances come from :func:`nearest_triangle`. Returns the table, enlarged if it was full, and
     the block range of the copies.
@@ -410,7 +410,7 @@ def convex_solid(corners, table, m, blocks, tiny):
 
 @helper
 def lowest_plane(table, start, stop, px, py, pz):
-    """Return the triangle with the lowest plane at p.
+    """Return the table offset of the triangle with the lowest affine distance bound at p.
 
     The values of all planes are written to the table.
     """
@@ -446,13 +446,13 @@ def _begin(table, first, sides, inverse, centre):
 
 @helper
 def _share(inverse, row, k):
-    """Return the product of a constraint row with a column of the inverse."""
+    """Return the product of a constraint row with column k of the inverse constraint matrix."""
     return row[0] * inverse[0, k] + row[1] * inverse[1, k] + row[2] * inverse[2, k] + row[3] * inverse[3, k]
 
 
 @helper
 def _exchange(inverse, row):
-    """Replace one of the four constraints in the inverse by ``row``.
+    """Replace one of the four active constraints by ``row``, and update the inverse constraint matrix.
 
     Returns the index of the replaced constraint, or -1 if none may leave.
     """
@@ -478,7 +478,7 @@ def _exchange(inverse, row):
 
 @helper
 def ball_in_box(table, start, stop, first, sides, enough, tiny, centre, some, weight, inverse, row):
-    """Maximise the minimum of the triangle planes over a box, by the dual simplex method.
+    """Maximise the minimum of the triangles' affine distance bounds over a box (dual simplex method).
 
     The linear program in (p, r): maximise r with r - g_i · p ≤ d_i for each plane (d_i its value at the box
     centre, g_i its gradient) and |p_k| ≤ sides[k]. Returns r. Writes p, relative to the box centre, to

@@ -1,4 +1,4 @@
-"""Quality metrics for sizes, circles and cuts: one value per agglomerate.
+"""Quality metrics with one value per agglomerate: diameters, inscribed circles and graph cuts.
 
 ``J`` and ``isoperimetric`` are in ``round_shapes``. ``convexity``, ``star_shapedness`` and the ratios for
 boxes, edges and faces are in ``shape_metrics``.
@@ -31,7 +31,7 @@ Better = Literal["high", "low"]
 
 
 def agglomerates(mesh: Mesh, labels: Int) -> Mesh:
-    """Return the coarse mesh, or ``mesh`` itself if each cell is its own agglomerate, in order."""
+    """Return the mesh of agglomerates, or ``mesh`` itself if cell i has label i for every i."""
     labels = mesh.check_labels(labels)
     if labels[-1] == mesh.n_cells - 1 and np.array_equal(labels, np.arange(mesh.n_cells)):
         return mesh
@@ -39,14 +39,14 @@ def agglomerates(mesh: Mesh, labels: Int) -> Mesh:
 
 
 def plane_agglomerates(mesh: Mesh, labels: Int, metric: str) -> Mesh:
-    """Return the coarse mesh for a 2-D metric, or raise MeshError in 3-D."""
+    """Return the mesh of agglomerates for a 2-D metric, or raise MeshError in 3-D."""
     if mesh.dim != 2:
         raise MeshError(f"metric {metric} exists only for 2-D meshes; this one is {mesh.dim}-D")
     return agglomerates(mesh, labels)
 
 
 def _ball_ratios(mesh: Mesh, labels: Int, anywhere: bool) -> Float:
-    """Return the largest inscribed circle (3-D: ball) radius over half the diameter ``(k,)``."""
+    """Return the ratio of the largest inscribed circle (3-D: ball) radius to half the diameter ``(k,)``."""
     coarse = agglomerates(mesh, labels)
     radii = _circle_radii(coarse, anywhere) if coarse.dim == 2 else ball_radii(coarse, anywhere)
     ratios: Float = 2.0 * radii / coarse.cell_diameters
@@ -96,7 +96,7 @@ class UniformityFactor99:
     relative = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Return the ratios ``(k,)``, above 1 for the largest hundredth."""
+        """Return the diameters over their 99th percentile ``(k,)``, above 1 for the largest hundredth."""
         diameters: Float = agglomerates(mesh, labels).cell_diameters
         return diameters / np.percentile(diameters, 99)
 
@@ -126,7 +126,7 @@ class CentredCircleRatio:
     shape_only = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Return the exact centred circle ratios ``(k,)``."""
+        """Return the ratios for the circle about the centroid ``(k,)``."""
         return _ball_ratios(mesh, labels, anywhere=False)
 
 
@@ -169,7 +169,7 @@ class InterfaceLength:
     shape_only = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Return the interfaces ``(k,)``, without the domain boundary."""
+        """Return the measure of each agglomerate's interfaces ``(k,)``, without the domain boundary."""
         coarse = agglomerates(mesh, labels)
         inner = coarse.face_cells[:, 1] >= 0
         pairs, measures = coarse.face_cells[inner], coarse.face_measures[inner]
@@ -177,7 +177,7 @@ class InterfaceLength:
         return lengths.astype(float)  # without inner faces numpy returns integers
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Return the change ``(q,)`` in the sum for each single-cell move.
+        """Return the change ``(q,)`` in the sum of the metric over all parts for each single-cell move.
 
         A face between parts counts for both.
         """
@@ -192,11 +192,11 @@ class Cut:
     homogeneity = 0
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Return the cut edges ``(k,)``, where each edge counts for both its parts."""
+        """Return the numbers of cut edges ``(k,)``, where each edge counts for both its parts."""
         return functionals.part_cuts(mesh.graph, mesh.check_labels(labels))
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Return the change ``(q,)`` in the sum for each single-cell move.
+        """Return the change ``(q,)`` in the sum of the metric over all parts for each single-cell move.
 
         An edge between parts counts for both.
         """
@@ -217,7 +217,7 @@ class NormalisedCut:
         return functionals.ratio(cuts, functionals.part_volumes(mesh.graph, parts))
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Return the change ``(q,)`` in the sum for each single-cell move."""
+        """Return the change ``(q,)`` in the sum of the metric over all parts for each single-cell move."""
         return moves.normalised_cut_changes(graph, labels, cells, parts)
 
 
@@ -229,7 +229,7 @@ class Components:
     homogeneity = 0
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Return the component counts ``(k,)``, 1 for connected agglomerates."""
+        """Return the numbers of connected components ``(k,)``, 1 for connected agglomerates."""
         parts, graph = mesh.check_labels(labels), mesh.graph
         if parts_connected(graph.indptr, graph.indices, parts):
             return np.ones(int(parts.max()) + 1)

@@ -1,4 +1,4 @@
-"""Convex hulls, narrowest boxes and kernels of 2-D agglomerates."""
+"""Convex hulls, narrowest enclosing rectangles, and star-shapedness kernels of 2-D agglomerates."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -14,7 +14,7 @@ _SHORT = 1e-8  # relative to the extent: shorter edges are rounding
 
 @helper
 def _turn(points, a, b, c):
-    """Return twice the signed area of the triangle abc: positive for a left turn at b."""
+    """Return twice the signed area of the triangle abc, positive for a left turn at b."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     return ux * (points[c, 1] - points[a, 1]) - uy * (points[c, 0] - points[a, 0])
 
@@ -43,7 +43,7 @@ def _sort(points, vertices, start, stop):
 
 @helper
 def one_hull(points, order, start, stop, hull, top):
-    """Append the convex hull of ``order[start:stop]`` to ``hull[:top]``, and return its end.
+    """Append the convex hull of ``order[start:stop]`` to ``hull[:top]``, and return its end offset.
 
     Sorts the list in place. Andrew's monotone chain: counter-clockwise, without collinear vertices.
     """
@@ -89,9 +89,9 @@ def convex_hulls(points, offsets, vertices):
 
 @helper
 def _furthest(points, hull, start, m, at, ux, uy):
-    """Return the first position from ``at`` on where the hull stops advancing along (ux, uy).
+    """Return the first hull index from ``at`` on whose next edge does not advance along (ux, uy).
 
-    Positions continue beyond m, around the hull with m vertices from ``start`` on.
+    Indices continue beyond m, around the hull with m vertices from ``start`` on.
     """
     while True:
         p, q = hull[start + at % m], hull[start + (at + 1) % m]
@@ -102,7 +102,7 @@ def _furthest(points, hull, start, m, at, ux, uy):
 
 @helper
 def narrowest(points, hull, start, m):
-    """Return width and side ratio of the narrowest rectangle around a hull (rotating calipers).
+    """Return width and side ratio of the narrowest rectangle around a convex hull (rotating calipers).
 
     The hull is ``hull[start:start + m]``, counter-clockwise. Among equally narrow rectangles, up to rounding,
     the largest ratio of short to long side counts.
@@ -136,7 +136,7 @@ def narrowest(points, hull, start, m):
 
 @kernel
 def box_ratios(points, offsets, hull):
-    """Return the short over long side of the narrowest rectangle around each hull.
+    """Return the ratio of short to long side of the narrowest rectangle around each hull.
 
     One side of the rectangle lies on a hull edge. Among equally narrow rectangles the shortest counts.
     """
@@ -174,7 +174,7 @@ def _clip(source, m, target, ax, ay, ux, uy):
 
 @kernel
 def kernel_areas(points, cell_loops, loop_offsets, vertices, hull_offsets, hull):
-    """Return the kernel area of each cell, the set of points that see the whole cell.
+    """Return the area of each cell's kernel: the points from which the whole cell is visible.
 
     The area is 0 for cells with several loops.
 

@@ -1,4 +1,4 @@
-"""Roundness metrics: inertia ratio ``J`` and isoperimetric quotient, in 2-D and 3-D.
+"""Roundness metrics of agglomerates in 2-D and 3-D: inertia ratio and isoperimetric quotient.
 
 Both are 1 only for a disc or ball, and depend on the whole shape, unlike the diameter with its two points.
 """
@@ -59,7 +59,7 @@ class IsoperimetricQuotient:
         return _quotient(coarse.cell_measures, surfaces, coarse.dim)
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Return the change ``(q,)`` in the sum for each single-cell move that empties no part."""
+        """Return the change ``(q,)`` in the sum of the metric for each cell move that empties no part."""
         k, d = int(labels.max()) + 1, graph.dim
         # 1. Sums of the parts, and the interface of each cell with both parts.
         shared = moves.links(graph, labels, cells, parts, graph.interface)
@@ -81,5 +81,5 @@ def _unit_ball(d: int) -> float:
 
 
 def _quotient(measures: Float, surfaces: Float, d: int) -> Float:
-    """Return d^d |ball| V^(d−1) / S^d, the surface ratio to the equal-measure ball, to the power d."""
+    """Return d^d |ball| V^(d−1) / S^d, the isoperimetric quotient in d dimensions."""
     return functionals.ratio(d**d * _unit_ball(d) * measures ** (d - 1), surfaces**d)

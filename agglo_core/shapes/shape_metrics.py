@@ -117,7 +117,7 @@ class FaceRatio:
 
 
 def _edge_ratios(mesh: Mesh) -> Float:
-    """Return the shortest over longest straight edge ``(n_cells,)`` of each cell."""
+    """Return the ratio of the shortest to the longest straight edge of each cell ``(n_cells,)``."""
     corners = _corners(mesh)
     lengths = np.hypot(*_edges(mesh.local_points, corners))
     starts = corners.loop_offsets[corners.cell_offsets[:-1]]
@@ -127,7 +127,7 @@ def _edge_ratios(mesh: Mesh) -> Float:
 
 
 def _sight_areas(mesh: Mesh) -> Float:
-    """Return the kernel areas ``(n_cells,)``: the points that see their whole cell."""
+    """Return the areas ``(n_cells,)`` of the kernels: the points from which the whole cell is visible."""
     from agglo_core.shapes.planar_shapes import kernel_areas
 
     points, (first, *loops) = mesh.local_points, mesh.boundary_loops
@@ -142,7 +142,7 @@ def _sight_areas(mesh: Mesh) -> Float:
 
 
 def _rectangles(mesh: Mesh) -> Float:
-    """Return the short over long side ``(n_cells,)`` of the narrowest rectangle around each cell."""
+    """Return the ratio of short to long side ``(n_cells,)`` of the narrowest rectangle around each cell."""
     from agglo_core.shapes.planar_shapes import box_ratios
 
     points, (_, offsets, hulls) = mesh.local_points, _hulls(mesh)
@@ -181,7 +181,7 @@ def _edges(points: Float, loops: Loops) -> tuple[Float, Float]:
 
 
 def _corners(mesh: Mesh) -> Loops:
-    """Return the boundary loops without straight vertices."""
+    """Return the boundary loops without vertices where the boundary is straight."""
     loops = mesh.boundary_loops
     x, y = _edges(mesh.local_points, loops)
     before = np.arange(-1, len(x) - 1)

@@ -16,7 +16,7 @@ _PARALLEL = 1e-9  # sine of the angle between two edges below which they have no
 
 @helper
 def _width(points, vertices, m, x, y, z):
-    """Return the extent of the vertices along a unit vector."""
+    """Return the extent of the vertices along the unit vector (x, y, z)."""
     low, high = np.inf, -np.inf
     for i in range(m):
         v = vertices[i]
@@ -27,7 +27,7 @@ def _width(points, vertices, m, x, y, z):
 
 @helper
 def _note(points, vertices, m, x, y, z, width, ties, count):
-    """Keep a direction if the hull is at least as narrow along it as along all previous directions.
+    """Add a direction to the narrowest directions of a convex hull, unless the hull is wider along it.
 
     Returns the least width, and the number of directions in ``ties``.
     """
@@ -50,7 +50,7 @@ def _note(points, vertices, m, x, y, z, width, ties, count):
 
 @helper
 def _edges(triangles, neighbours, start, stop, points, edges, normals):
-    """Write the bent edges of a hull, and normals, and return the number of edges.
+    """Write the hull edges between faces that are not coplanar, and normals, and return the number of edges.
 
     ``edges (e, 4)``: both ends, and the faces on both sides, counted from ``start``. ``normals``: the unit
     face normals and, below them, for each edge the cross product of the second and the first normal.
@@ -85,7 +85,7 @@ def _edges(triangles, neighbours, start, stop, points, edges, normals):
 
 @helper
 def _dot(a, i, b, j):
-    """Return the inner product of two rows."""
+    """Return the inner product of row i of ``a`` and row j of ``b``."""
     return a[i, 0] * b[j, 0] + a[i, 1] * b[j, 1] + a[i, 2] * b[j, 2]
 
 
@@ -108,7 +108,7 @@ def _are_antipodal(normals, edges, faces, e, f):
 
 @helper
 def _narrowest(points, edges, count, faces, normals, vertices, m, ties):
-    """Return the width of the hull, and the number of directions with this width.
+    """Return the width of a convex hull, and the number of directions with this width.
 
     The directions are written to ``ties``. For the two closest parallel planes around the hull, either one
     plane lies on a face, or each lies on an edge (Houle and Toussaint 1988). ``faces`` and ``count`` are the
@@ -142,7 +142,7 @@ def _narrowest(points, edges, count, faces, normals, vertices, m, ties):
 
 @helper
 def _project_vertices(points, vertices, m, x, y, z, flat, order):
-    """Write the vertices projected along a unit vector, relative to the first vertex."""
+    """Write the vertices projected to the plane perpendicular to a unit vector, in 2-D coordinates."""
     # Orthonormal basis u, v of the plane: u is perpendicular to the given vector and to the x or y axis,
     # whichever is farther from it.
     if abs(x) < abs(y):
@@ -161,7 +161,7 @@ def _project_vertices(points, vertices, m, x, y, z, flat, order):
 
 @kernel
 def solid_box_ratios(points, offsets, triangles, neighbours):
-    """Return the shortest over longest side of the narrowest box around each hull from ``solid_hulls``.
+    """Return the ratio of shortest to longest side of the narrowest box around each convex hull.
 
     The first pair of sides is as close as possible, the second encloses the projection along the first, again
     as close as possible. Among equally narrow boxes the shortest counts. The value is 0 without a hull.

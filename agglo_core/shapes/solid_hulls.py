@@ -15,14 +15,14 @@ _TINY = 1e-12
 
 @helper
 def _height(planes, f, points, p):
-    """Return the signed distance from a face plane to a point."""
+    """Return the signed distance from the plane of face f to point p."""
     x, y, z = points[p, 0], points[p, 1], points[p, 2]
     return planes[f, 0] * x + planes[f, 1] * y + planes[f, 2] * z - planes[f, 3]
 
 
 @helper
 def _set_face(f, a, b, c, points, corners, planes, head):
-    """Set face f to abc, counter-clockwise from outside, with an empty list of outside points."""
+    """Set face f to the triangle abc, counter-clockwise from outside, with no points assigned to it."""
     corners[f, 0], corners[f, 1], corners[f, 2] = a, b, c
     ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
     vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
@@ -53,7 +53,7 @@ def _farthest(points, m, a, ux, uy, uz, across):
 
 @helper
 def _first_four(points, m, corners, planes, links, head):
-    """Write a tetrahedron of distant points as the first four faces.
+    """Write a tetrahedron of distant points: the initial faces of the hull.
 
     Returns False if all points are coplanar.
     """
@@ -84,7 +84,7 @@ def _first_four(points, m, corners, planes, links, head):
 
 @helper
 def _hand_on(p, first, last, order, tiny, points, planes, head, following):
-    """Add point p to the list of the first face in ``order[first:last]`` with p outside.
+    """Assign point p to the first face in ``order[first:last]`` that has p on its outer side.
 
     A point inside all faces is in the hull, and on no list.
     """
@@ -97,7 +97,7 @@ def _hand_on(p, first, last, order, tiny, points, planes, head, following):
 
 @helper
 def _grow(f, tiny, points, corners, planes, links, head, following, state, order, free, start):
-    """Add the farthest point outside face f to the hull.
+    """Add the farthest point outside face f to the hull, and replace the faces that it sees.
 
     ``state[r]`` is 0 for a face, 1 for a face that the point sees, -1 for a free row. Its last entry counts
     the free rows, which are a stack in ``free``. Lists of points begin with ``head`` of a face and continue
@@ -168,7 +168,7 @@ def _grow(f, tiny, points, corners, planes, links, head, following, state, order
 
 @helper
 def _hull(m, points, corners, planes, links, head, following, state, order, free, start):
-    """Compute the hull of ``points[:m]``.
+    """Compute the convex hull of ``points[:m]``.
 
     The faces are the rows below the returned number with ``state`` 0. Returns 0 if all points are coplanar,
     -1 if rounding led to more faces than rows.

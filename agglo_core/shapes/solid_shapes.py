@@ -1,4 +1,4 @@
-"""Shapes of 3-D agglomerates, from their surface triangles."""
+"""Shape measures of 3-D agglomerates, computed from the triangles of their surface."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ _FEW_BALLS = 200  # minimum number of agglomerates for a thread: their balls tak
 
 
 def ball_radii(mesh: Mesh, anywhere: bool) -> Float:
-    """Return the radius ``(n_cells,)`` of the largest ball inside each cell, anywhere or about the centroid.
+    """Return the radius of the largest ball inside each cell, with any centre or about the centroid.
+
+    The radii have shape ``(n_cells,)``.
 
     About a centroid outside the cell the radius is 0.
     """
@@ -26,7 +28,7 @@ def ball_radii(mesh: Mesh, anywhere: bool) -> Float:
 
 
 def over_surfaces(mesh: Mesh, kernel: Callable[..., Any], *arguments: Any) -> Float:
-    """Apply a kernel to the triangles around each cell, in several threads, and return ``(n_cells,)``."""
+    """Apply a kernel to the surface triangles of all cells, in several threads, and return ``(n_cells,)``."""
     points, (offsets, faces) = mesh.local_points, mesh.cell_faces
     triangles = _triangles(mesh)
 
@@ -39,7 +41,7 @@ def over_surfaces(mesh: Mesh, kernel: Callable[..., Any], *arguments: Any) -> Fl
 
 
 def _triangles(mesh: Mesh) -> tuple[Int, Index]:
-    """Return the face triangles: offsets ``(n_faces + 1,)``, and vertices ``(t, 3)``."""
+    """Return the triangles of all faces: offsets ``(n_faces + 1,)``, and vertices ``(t, 3)``."""
     from agglo_core.shapes.solid_triangles import face_triangles
 
     vectors = frozen_float(mesh.face_normals * mesh.face_measures[:, None])
@@ -58,7 +60,7 @@ def hull_volumes(mesh: Mesh) -> Float:
 
 
 def narrowest_boxes(mesh: Mesh) -> Float:
-    """Return the shortest over longest side ``(n_cells,)`` of the narrowest box around each cell.
+    """Return the ratio of shortest to longest side of the narrowest box around each cell ``(n_cells,)``.
 
     The box may have any orientation.
     """
@@ -70,7 +72,7 @@ def narrowest_boxes(mesh: Mesh) -> Float:
 
 
 def sight_volumes(mesh: Mesh) -> Float:
-    """Return the kernel volumes ``(n_cells,)``: the points that see their whole cell."""
+    """Return the volumes ``(n_cells,)`` of the kernels: the points from which the whole cell is visible."""
     from agglo_core.shapes.star_kernels import solid_kernel_volumes
 
     return over_surfaces(mesh, solid_kernel_volumes)
@@ -84,7 +86,7 @@ def face_area_ratios(mesh: Mesh) -> Float:
 
 
 def _hulls(mesh: Mesh) -> list[_Hulls]:
-    """Return hull volumes and hull triangles from ``solid_hulls``, for consecutive cell ranges."""
+    """Return volumes and triangles of the convex hulls, for consecutive cell ranges."""
     from agglo_core.shapes.solid_hulls import solid_hulls
 
     points, (corners, vertices) = mesh.local_points, mesh.cell_vertices

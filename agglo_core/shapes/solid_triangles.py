@@ -1,4 +1,4 @@
-"""Triangulation of 3-D faces, and the oriented triangles around each cell.
+"""Triangulation of 3-D faces, and the oriented surface triangles of each cell.
 
 Algorithms on 3-D surfaces use triangles only. A flat face is the union of its triangles, and a non-flat face
 is defined as this union, so that 3-D surfaces are always closed.
@@ -17,7 +17,7 @@ _FLAT = 1e-9  # relative to the face area: smaller triangles are degenerate, for
 
 @helper
 def _area(points, a, b, c, nx, ny, nz):
-    """Return twice the projected triangle area along (nx, ny, nz), times the length of that vector.
+    """Return the scalar product of a vector with the triangle's area vector, times two.
 
     The value is negative for the opposite orientation.
     """
@@ -28,14 +28,14 @@ def _area(points, a, b, c, nx, ny, nz):
 
 @helper
 def _square(points, a, b):
-    """Return the squared distance between two points."""
+    """Return the squared distance between points a and b."""
     x, y, z = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
     return x * x + y * y + z * z
 
 
 @helper
 def _ear(points, ring, m, i, nx, ny, nz, tiny):
-    """Return the shape of the triangle at corner i of the ring, or -1.
+    """Return the shape quality of the triangle at corner i of a polygon, or −1 if it is no ear.
 
     The shape is the area over the squared longest side, so that collinear points come last. An ear is a
     non-degenerate triangle with the face's orientation that contains no other corner. The result is -1 if the
@@ -55,7 +55,7 @@ def _ear(points, ring, m, i, nx, ny, nz, tiny):
 
 @helper
 def _cut_ears(points, ring, m, nx, ny, nz, tiny, triangles, top):
-    """Triangulate a polygon with notches or collinear corners by ear clipping.
+    """Triangulate a non-convex polygon, or one with collinear corners, by ear clipping.
 
     ``ring[:m]`` are its vertices, and is changed. Writes triangles from row ``top`` on, and returns their
     end.
@@ -118,7 +118,7 @@ def face_triangles(points, offsets, vertices, vectors):
 
 @helper
 def surface(cell, start, stop, faces, face_cells, starts, triangles, corners):
-    """Write the triangles around a cell, counter-clockwise from outside, and return their number.
+    """Write the surface triangles of a cell, counter-clockwise from outside, and return their number.
 
     The cell has the faces ``faces[start:stop]``. Triangles are counter-clockwise from outside the owner of
     their face, and are reversed for the other cell.
@@ -137,7 +137,7 @@ def surface(cell, start, stop, faces, face_cells, starts, triangles, corners):
 
 @helper
 def most_triangles(offsets, faces, starts):
-    """Return the largest number of triangles around a cell."""
+    """Return the largest number of surface triangles of a cell."""
     most = np.int64(0)
     for c in range(len(offsets) - 1):
         count = np.int64(0)

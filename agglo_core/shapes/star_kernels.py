@@ -1,4 +1,4 @@
-"""Kernels of 3-D agglomerates: the points that see the whole agglomerate."""
+"""Star-shapedness kernels of 3-D agglomerates: the points from which the whole agglomerate is visible."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -17,7 +17,7 @@ _BOX = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1
 
 @helper
 def _plane(points, corners, t, origin, plane):
-    """Write the outward unit normal n of a triangle, and n · a for a corner a.
+    """Write the outward unit normal n of a triangle, and n · a for one corner a.
 
     Corners are relative to the origin. Returns False for a degenerate triangle.
     """
@@ -64,7 +64,7 @@ def _box_around(points, corners, m, origin, sides, ends):
 
 @helper
 def _above(sides, s, end, plane):
-    """Return the signed distance from a plane to an end of a side."""
+    """Return the signed distance from a plane to one end of a polyhedron's side."""
     i = 3 * end
     return plane[0] * sides[s, i] + plane[1] * sides[s, i + 1] + plane[2] * sides[s, i + 2] - plane[3]
 
@@ -137,7 +137,7 @@ def _volume(sides, ends, faces):
 
 @kernel
 def solid_kernel_volumes(points, first, offsets, faces, face_cells, starts, triangles):
-    """Return the kernel volume of each cell from ``first`` on: the part below all triangle planes.
+    """Return the kernel volume of each cell: the part of space below all its triangle planes.
 
     A point strictly below all planes sees each triangle from inside, so all solid angles have one sign. Their
     sum is 4π for an inside point and 0 elsewhere: the point is inside, and every ray from it leaves the cell
