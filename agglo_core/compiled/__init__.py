@@ -1,4 +1,4 @@
-"""Compiled code: compilation and disk cache of kernels, and kernels shared by several folders.
+"""Compilation and disk cache of kernels (compiled functions), and kernels shared by several folders.
 
 A kernel stands next to the code that uses it, and is tested against a slow, obvious numpy implementation.
 Kernels are compiled while a wheel is built, or on first use. Inputs are read-only arrays and outputs are new

@@ -1,4 +1,4 @@
-"""Compile the kernels listed in ``ahead_of_time.txt`` while a wheel is built.
+"""Compile the kernels listed in ``ahead_of_time.txt`` while an installation package (wheel) is built.
 
 The first run then finds them on disk.
 
@@ -24,25 +24,25 @@ _MOST_WORKERS = 16
 
 
 class Signature(NamedTuple):
-    """A kernel and its argument types in numba's notation."""
+    """A kernel to compile: its module, its name, and its argument types in numba's notation."""
 
     module: str
     name: str
     arguments: str
 
     def kernel(self) -> Any:
-        """Return the kernel. Importing its module compiles nothing."""
+        """Import and return the kernel, which compiles nothing."""
         return getattr(import_module(self.module), self.name)
 
     def types(self) -> tuple[Any, ...]:
-        """Return numba's argument types."""
+        """Return the argument types as numba objects."""
         names = {**vars(numba.types), "bool": numba.types.boolean, "named": _named_tuple}
         found: tuple[Any, ...] = eval(self.arguments, names)  # from a file in this package
         return found
 
 
 def write_types(arguments: tuple[Any, ...]) -> str:
-    """Return numba's argument types as text that :meth:`Signature.types` can read."""
+    """Convert numba's argument types to text that :meth:`Signature.types` can parse."""
     texts = []
     for argument in arguments:
         if isinstance(argument, numba.types.NamedTuple | numba.types.NamedUniTuple):
@@ -60,13 +60,13 @@ def _named_tuple(types: tuple[Any, ...], home: str) -> Any:
 
 
 def read_signatures() -> list[Signature]:
-    """Return the signatures in ``ahead_of_time.txt``, slowest to compile first."""
+    """Read the kernels and argument types in ``ahead_of_time.txt``, slowest to compile first."""
     lines = LISTED.read_text(encoding="utf-8").splitlines()
     return [Signature(*line.split(" ", 2)) for line in lines if not line.startswith("#")]
 
 
 def compile_listed(folder: Path, signatures: Iterable[Signature]) -> list[str]:
-    """Compile in one process per processor, and return a line for each failed kernel.
+    """Compile the given kernels in one process per processor, and return a line for each failure.
 
     Set NUMBA_CACHE_DIR to an empty folder, because kernels called by other kernels are stored there.
     """

@@ -1,4 +1,4 @@
-"""Locks on files, so that of several processes only one compiles a kernel and the others load it."""
+"""File locks with which only one of several processes compiles a kernel, and the others load it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _held: dict[Path, int] = {}  # file descriptors of the locks of this process
 
 
 def acquire(file: Path) -> None:
-    """Lock a file, after waiting for the process that holds the lock.
+    """Lock a file, after waiting for the process that holds the lock, for at most five minutes.
 
     Nothing is locked where the file cannot be created, on file systems without locks, and if the other
     process takes more than five minutes. Then several processes compile a kernel, with the same result.
@@ -56,6 +56,6 @@ def release(file: Path) -> None:
 
 
 def release_all() -> None:
-    """Unlock all files, after a compilation has failed."""
+    """Release all locks of this process, after a compilation has failed."""
     for file in list(_held):
         release(file)

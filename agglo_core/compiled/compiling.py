@@ -1,4 +1,4 @@
-"""Decorators that compile kernels and their helpers with numba."""
+"""Decorators that compile kernels, and helper functions called by kernels, with numba."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wra
 def kernel(
     function: Callable[..., Any] | None = None, *, reorder_sums: bool = False, allocates: bool = True
 ) -> Any:
-    """Compile ``function`` with numba on first call, using the disk cache if writable.
+    """Compile ``function`` with numba at its first call, and keep the machine code on disk if possible.
 
     ``reorder_sums`` lets the compiler vectorise reductions; results stay reproducible from run to run. Use
     ``allocates=False`` for a kernel that calls helpers many times with many arrays, and neither creates nor
@@ -56,7 +56,7 @@ def helper(
     allocates: bool = False,
     inline: bool = False,
 ) -> Any:
-    """Let kernels call ``function``, which runs uncompiled from Python.
+    """Mark ``function`` as callable from kernels. Called from Python, it runs uncompiled.
 
     A function called only by kernels should be a helper: it compiles faster than a kernel, as it needs no
     entry point from Python, and a literal argument does not create a second signature. A helper cannot call

@@ -1,4 +1,4 @@
-"""Detect the compilation of kernels, which takes longer than most runs."""
+"""Notification when kernels are compiled, which takes longer than most runs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numba.core.event import Listener, install_listener
 
 
 def watch_compilation(tell: Callable[[], None]) -> AbstractContextManager[None]:
-    """Call the callback when numba first compiles something within the context.
+    """Context in which the callback is called when numba first compiles something.
 
     Kernels on disk are loaded, not compiled.
     """

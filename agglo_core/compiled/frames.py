@@ -1,4 +1,4 @@
-"""Centred blocks, their principal frames, and directions in 2-D."""
+"""Centred and scaled coordinates of blocks of cells, principal axes, and directions in 2-D."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def half_circle(count):
 
 @helper(allocates=True)
 def halvings(count, times):
-    """Return the cosines and sines of the angles that repeatedly halve ``half_circle(count)``.
+    """Return cosines and sines of 1/2, 1/4, ... of the angle between axes of ``half_circle(count)``.
 
     Examples
     --------
@@ -77,7 +77,7 @@ def halvings(count, times):
 
 @helper
 def turned(a, b, p, q):
-    """Rotate the direction (a, b) by the angle with cosine p and sine q.
+    """Return the direction (a, b) rotated by the angle with cosine p and sine q.
 
     Examples
     --------
@@ -97,7 +97,7 @@ _GROWTH = 4.0
 
 @helper
 def compactness(n):
-    """Return the weight of the inertia relative to the cut, for a block with n cells.
+    """Return the weight of inertia relative to the cut in the bisection cost of n cells.
 
     A longer cut affects two parts, unequal sides affect all parts that result from them. Their weight
     therefore increases with the number of cells, but only like √n, so that necks are still found.
@@ -107,7 +107,7 @@ def compactness(n):
 
 @helper
 def centre_block(start, n, centroids, weights, measures, local, shares):
-    """Write centred positions and weight shares of a block, and return its scales.
+    """Write the centred centroids and normalised weights of a block's cells, and return its scales.
 
     The scales are 1 / section, inertia, and inertia weight. ``local (3, n)`` and ``shares (n,)`` belong to
     the cells ``start`` to ``start + n − 1``, and the shares add up to 1. The section is a side or face of a
@@ -140,7 +140,7 @@ def centre_block(start, n, centroids, weights, measures, local, shares):
 
 @helper(reorder_sums=True)
 def _centre(n, column, shares):
-    """Shift a column to mean 0 and return its variance."""
+    """Shift the values of a column to weighted mean 0, and return their variance."""
     mean, variance = 0.0, 0.0
     for i in range(n):
         mean += shares[i] * column[i]
@@ -152,7 +152,7 @@ def _centre(n, column, shares):
 
 @helper
 def centre_points(n, d, local, shares, total, measure):
-    """Centre the positions ``local (3, n)`` in d dimensions, and normalise the weights.
+    """Centre the coordinates ``local (3, n)`` in d dimensions, normalise the weights, and return the scales.
 
     Returns the scales of ``centre_block``. ``total`` is the sum of weights, ``measure`` the sum of measures.
     """

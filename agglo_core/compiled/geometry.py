@@ -1,4 +1,4 @@
-"""Block diameters: largest distances between cell vertices, exact or bounded."""
+"""Diameters of blocks of cells: largest distances between cell vertices, exact or bounded."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _farthest(m, unique, x, points):
 
 @helper
 def sort_along_x(m, unique, points):
-    """Sort the vertices ``unique[:m]`` by first coordinate, then by number (Shell sort)."""
+    """Sort the vertices ``unique[:m]`` by first coordinate, then by vertex number (Shell sort)."""
     # Insertion sort with decreasing gaps, each about 5/11 of the previous. The last gap is 1.
     gap = m // 2
     while gap > 0:
@@ -156,7 +156,7 @@ def _cell_diameter(i, vertex_offsets, vertices, points):
 
 @kernel
 def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
-    """Return the exact diameter of each block b, with ``cells[offsets[b]:offsets[b + 1]]``."""
+    """Return the exact diameter of each block b: of the cells ``cells[offsets[b]:offsets[b + 1]]``."""
     result = np.zeros(len(block_offsets) - 1)
     stamp = np.full(len(points), -1, np.int64)
     unique, centre = np.empty(len(points), np.int64), np.empty(points.shape[1])
@@ -173,7 +173,7 @@ def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
 
 @helper
 def octagon(cells, vertex_offsets, vertices, points, enough, centre):
-    """Return lower and upper bounds of the 2-D diameter, from extents along axes and diagonals.
+    """Return lower and upper bounds of the diameter in 2-D, from extents along axes and diagonals.
 
     One of the four directions is within 22.5 degrees of the farthest pair. Both bounds are infinite as soon
     as the lower bound exceeds ``enough``. Otherwise the ``centre`` of the box is written.
@@ -212,7 +212,7 @@ def box(cells, vertex_offsets, vertices, points, low, high):
 
 @kernel
 def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, limits):
-    """Return diameters that compare correctly to each of the ascending ``limits``.
+    """Return diameters or bounds of them that compare correctly to each of the ascending ``limits``.
 
     The value is exact near a limit, elsewhere a lower bound, or infinite above the last limit. This is many
     times faster than ``block_diameters``, as most blocks of a recursion are much larger than its targets.

@@ -1,4 +1,4 @@
-"""Dual graphs: construction from faces, renumbering, and connected components."""
+"""Dual graphs of meshes: construction from faces, renumbering, and connected components."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 
 @kernel
 def dual_graph(offsets, faces, face_cells, face_measures):
-    """Return the CSR graph of cells that share faces, with summed interfaces, and the exposed measures.
+    """Return the CSR graph of cells that share faces, with interface measures, and the boundary measures.
 
     ``offsets`` and ``faces`` list the faces of each cell. ``face_cells (f, 2)`` are the two cells of a face,
     −1 for none.
@@ -43,7 +43,7 @@ def dual_graph(offsets, faces, face_cells, face_measures):
 
 @kernel
 def permute_graph(indptr, indices, interface, order, offsets, new_indptr, new_indices, new_interface):
-    """Write the CSR of the nodes ``order``, in that order.
+    """Write the subgraph on the nodes ``order``, renumbered in that order, as CSR.
 
     Block b consists of ``offsets[b]:offsets[b + 1]``. Edges between blocks, and to omitted nodes, are
     dropped. Returns the number of remaining entries, or −1 if ``order`` has full length but repeats a node.
@@ -87,7 +87,7 @@ def permute_graph(indptr, indices, interface, order, offsets, new_indptr, new_in
 
 @kernel
 def take_rows(offsets, values, order):
-    """Return the offsets and values of the rows ``order`` of an unweighted CSR."""
+    """Return the rows ``order`` of an unweighted CSR structure: offsets and column indices."""
     new_offsets = np.zeros(len(order) + 1, np.int64)
     for i in range(len(order)):
         row = np.uint64(order[i])
@@ -104,7 +104,7 @@ def take_rows(offsets, values, order):
 
 @kernel
 def list_blocks(labels, block_labels, count):
-    """List the cells of the labels ``block_labels``, label by label, and return the offsets.
+    """List the cells with each of the labels ``block_labels``, label by label, and return the offsets.
 
     There are ``count`` labels in total.
     """
@@ -132,7 +132,7 @@ def list_blocks(labels, block_labels, count):
 
 @kernel
 def number_as_met(values, count):
-    """Renumber values below ``count`` by first occurrence, and return the old values in that order."""
+    """Renumber integers below ``count`` by first occurrence, and return the old numbers in that order."""
     number, order = np.full(count, -1, np.int32), np.empty(count + 1, np.int64)
     renumbered, n_distinct = np.empty(len(values), np.int32), np.uint64(0)
     for h in range(len(values)):
@@ -147,7 +147,7 @@ def number_as_met(values, count):
 
 @kernel
 def child_order(offsets, sides):
-    """Order each block's nodes by side, stably, and return the offsets of the children."""
+    """Order the nodes of each bisected block by side, stably, and return the offsets of the halves."""
     order = np.empty(len(sides), np.int64)
     children = np.empty(2 * len(offsets) - 1, np.int64)
     for b in range(len(offsets) - 1):
@@ -168,7 +168,7 @@ def child_order(offsets, sides):
 
 @helper
 def flood(seed, indptr, indices, open_labels, nodes, filled):
-    """List the nodes connected with ``seed`` through nodes of its label.
+    """Append to a list all nodes connected with ``seed`` through nodes of its label (breadth-first search).
 
     Returns the new list length. ``open_labels`` contains labels, −1 for listed nodes. The first ``filled``
     entries in ``nodes (n + 1,)`` are in use.
@@ -190,7 +190,7 @@ def flood(seed, indptr, indices, open_labels, nodes, filled):
 
 @kernel
 def components(indptr, indices, labels):
-    """Return the connected components of equal, non-negative labels, ordered by first node.
+    """List the connected components of nodes with equal, non-negative labels, ordered by first node.
 
     Returns the nodes component by component, and the component offsets.
     """
@@ -210,7 +210,7 @@ def components(indptr, indices, labels):
 
 @kernel
 def broken_blocks(offsets, indptr, indices, labels):
-    """Mark the blocks ``(B,)`` with a disconnected part.
+    """Mark the blocks ``(B,)`` that contain a disconnected part.
 
     There are no edges between blocks.
     """
@@ -236,7 +236,7 @@ def broken_blocks(offsets, indptr, indices, labels):
 
 @helper
 def join_before(i, first, indptr, indices, labels, parent):
-    """Join node i with its neighbours of its label from ``first`` to i − 1 (union-find).
+    """Join node i with its neighbours j of equal label, ``first`` ≤ j < i (union-find).
 
     Returns the number of components joined with it, and whether such a neighbour lies before the first.
     """

@@ -1,4 +1,4 @@
-"""Machine-code cache: in numba's folders, and next to this file in an installation.
+"""Disk cache of compiled kernels: in numba's folders, and in an installation next to this file.
 
 No other module uses the internals of ``numba.core.caching``.
 """
@@ -36,7 +36,7 @@ _IMPORT = re.compile(r"^from ([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 
 class _Nowhere:
-    """Fallback locator without a writable folder, where installed kernels are still found."""
+    """Substitute for a cache folder if none is writable, so that installed kernels are still found."""
 
     def __init__(self, function: Any) -> None:
         self._line = str(function.__code__.co_firstlineno)
@@ -60,7 +60,7 @@ class _Files(CompileResultCacheImpl):
 
 
 class _CacheFiles(IndexDataCacheFile):
-    """Machine code of one kernel, in one file per signature, named by signature and sources.
+    """Files with the machine code of one kernel, one per signature, named by signature and sources.
 
     Numba numbers these files and keeps an index. If two processes compile different signatures at the same
     time, both may use one number, so that a kernel for float64 is called with integers, or one index
@@ -77,7 +77,7 @@ class _CacheFiles(IndexDataCacheFile):
         self._save_data(self._name(key), (key, data))  # type: ignore[no-untyped-call]
 
     def load(self, key: Any) -> Any:
-        """Return the machine code of a signature, or None if its file is absent or damaged."""
+        """Read the machine code of a signature, or return None if its file is absent or damaged."""
         try:
             content = Path(self._cache_path, self._name(key)).read_bytes()
         except OSError:
@@ -88,17 +88,17 @@ class _CacheFiles(IndexDataCacheFile):
         return data if kept == key else None
 
     def lock(self, key: Any) -> Path:
-        """Return the file that is locked while a process compiles a signature."""
+        """Return the path of the file to lock while a process compiles a signature."""
         return Path(self._cache_path, self._name(key)).with_suffix(".lock")
 
     def flush(self) -> None:
-        """Remove all machine code of the kernel."""
+        """Remove all files with machine code of the kernel."""
         for file in self._files():
             file.unlink(missing_ok=True)
 
     @contextmanager
     def _open_for_write(self, filepath: str) -> Iterator[BytesIO]:
-        """Collect the written content, and write its hash and the content in one step."""
+        """Collect the written content, then write its hash and the content to the file at once."""
         content = BytesIO()
         yield content
         with super()._open_for_write(filepath) as file:
@@ -112,13 +112,13 @@ class _CacheFiles(IndexDataCacheFile):
         return f"{Path(self._index_name).stem}.{self._stamp}{sha256(str(key).encode()).hexdigest()[:10]}.nbc"
 
     def _files(self, stamp: str = "") -> set[Path]:
-        """Return the kernel's files with a source stamp, or all its files."""
+        """Return the kernel's files for the sources with this hash, or by default all its files."""
         name = glob.escape(Path(self._index_name).stem)
         return set(Path(self._cache_path).glob(f"{name}.{stamp}*.nbc"))
 
 
 class KernelCache(FunctionCache):
-    """Numba cache of one kernel, stamped by all its source files, installed files first.
+    """Numba cache of one kernel, valid for unchanged source files, with installed machine code first.
 
     An entry is only used for equal sources, versions of numba, numpy and Python, and processor. Numba's own
     cache considers only the kernel's file, and keeps machine code even if an inlined function in another file
@@ -136,11 +136,11 @@ class KernelCache(FunctionCache):
 
     @property
     def cache_path(self) -> str | None:
-        """Folder for kernels compiled on this machine, or None without a writable folder."""
+        """Folder for kernels compiled on this computer, or None if no folder is writable."""
         return None if isinstance(self._impl.locator, _Nowhere) else self._cache_path
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the machine code for a signature, or None if this process should compile it.
+        """Load the machine code for a signature, or return None if this process should compile it.
 
         While another process compiles the signature, wait for its result.
         """
@@ -160,7 +160,7 @@ class KernelCache(FunctionCache):
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Store compiled code, or warn once if this is impossible."""
+        """Store the machine code of a signature, or warn once if it cannot be written."""
         if self.cache_path is None:
             _warn_unkept("no folder for compiled kernels is writable")
             return
@@ -174,7 +174,7 @@ class KernelCache(FunctionCache):
             compile_lock.release(self._cache_file.lock(key))
 
     def write_to(self, folder: Path) -> None:
-        """Store all further compiled code in a folder that will become :data:`INSTALLED`."""
+        """Store all further machine code in a folder that will become :data:`INSTALLED`."""
         self._cache_file = self._installed = self._files_in(folder)
 
     def _files_in(self, folder: Path) -> _CacheFiles:
@@ -187,7 +187,7 @@ _warned: set[str] = set()
 
 
 def _warn_unkept(reason: str) -> None:
-    """Log once per process that compiled kernels are not stored."""
+    """Log once per process that compiled kernels cannot be stored on disk."""
     if not _warned:
         _warned.add(reason)
         _log.warning(
@@ -198,7 +198,7 @@ def _warn_unkept(reason: str) -> None:
 
 @cache  # assumes that sources do not change while a process runs
 def source_stamp(file: Path) -> str:
-    """Return a hash of :func:`sources`, the compiler module, and the numpy version."""
+    """Return a hash of a kernel's source files (:func:`sources`), the compiler module and numpy's version."""
     digest = sha256(np.__version__.encode() + _COMPILER.read_bytes())
     for source in sorted(sources(file), key=_place_in_package):
         digest.update(_place_in_package(source).encode())
@@ -207,7 +207,7 @@ def source_stamp(file: Path) -> str:
 
 
 def sources(file: Path) -> set[Path]:
-    """Find the source files of the kernels in ``file``.
+    """Find the source files on which the kernels in ``file`` depend.
 
     These are the file and its direct and indirect top-level imports from the core or from its own package.
     Some of these files may contain no kernels, which is harmless.
@@ -236,7 +236,7 @@ def _place_in_package(source: Path) -> str:
 
 @cache
 def _imported_files(source: Path) -> frozenset[Path]:
-    """Return the files in the core and in the package of ``source`` named by its imports."""
+    """Return the files of the core and of the package of ``source`` that ``source`` imports from."""
     top = _package_of(source)
     files: set[Path] = set()
     for module, names in _import_statements(source):
@@ -254,7 +254,7 @@ def _imported_files(source: Path) -> frozenset[Path]:
 
 
 def _files_of(path: Path, name: str) -> set[Path]:
-    """Return the files for ``from module import name``.
+    """Return the source files that ``from module import name`` refers to.
 
     The file is a submodule, or the module and the origin of the name.
     """
@@ -269,6 +269,6 @@ def _files_of(path: Path, name: str) -> set[Path]:
 
 @cache
 def _import_statements(source: Path) -> list[tuple[str, list[str]]]:
-    """Return modules and names of the top-level ``from module import names`` statements."""
+    """Return modules and names in the top-level ``from module import names`` statements of a file."""
     statements = _IMPORT.findall(source.read_text(encoding="utf-8"))
     return [(module, re.findall(r"(\w+)(?: as \w+)?", names)) for module, names in statements]

@@ -1,4 +1,4 @@
-"""Find disconnected or wide parts in one pass over the cells, in any order.
+"""Search for disconnected and for too wide parts in one pass over the cells, in any order.
 
 A part is connected if each of its cells except the first is connected, within the part, with a cell of
 smaller number. For most cells a neighbour is such a cell. Only the other cells need a search.
@@ -22,7 +22,7 @@ quadratic time around such a cell (benchmarks/pathologies.py, hub)."""
 
 @helper
 def _near_earlier(x, indptr, indices, labels):
-    """Return True if a neighbour of cell x in its part has an earlier neighbour in the part.
+    """Return True if a neighbour of cell x has a neighbour before x, all in one part.
 
     Neighbours with a large neighbour count are skipped.
     """
@@ -39,7 +39,7 @@ def _near_earlier(x, indptr, indices, labels):
 
 @helper
 def _meets_earlier(x, indptr, indices, labels, marks, queue, budget):
-    """Return True if cell x is connected with an earlier cell in its part, and the edge budget.
+    """Search the part of cell x for a connected cell before x, and return success and edge budget.
 
     The search fails when the ``budget`` is negative. Marks of other searches differ from x.
     """
@@ -65,7 +65,7 @@ def _meets_earlier(x, indptr, indices, labels, marks, queue, budget):
 
 @kernel
 def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
-    """List the cells start..stop − 1 not connected with an earlier cell of their label.
+    """List the cells start..stop − 1 that are not connected with an earlier cell of equal label.
 
     Returns their number. The list also contains the first cell in the range of each of the ``count`` labels,
     and cells left undecided after the searches read as many edges as there are. ``marks (n,)`` are initially
@@ -99,7 +99,7 @@ def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
 
 @helper
 def _mark_doubtful_parts(lone, indptr, indices, labels, part_mask, has_cell, broken, marks, queue):
-    """Mark the parts in ``part_mask`` with a second, possibly disconnected cell.
+    """Mark parts in ``part_mask`` with two cells between which no connection was found.
 
     Returns True if there are any. A cell may be listed only as the first cell of its part in a range of
     cells: the earlier cells were in another call of :func:`lone_cells`.
@@ -157,7 +157,7 @@ def broken_parts(lone, indptr, indices, labels, part_mask):
 
 @kernel
 def extend_parts(start, stop, labels, part_mask, vertex_offsets, vertices, points, bounds):
-    """Extend the ``bounds (k, 8)`` of the parts in ``part_mask (k,)`` by their cells.
+    """Extend the extents ``bounds (k, 8)`` of the parts in ``part_mask (k,)`` by their cells' vertices.
 
     Only the cells ``start..stop − 1`` are read.
 

@@ -1,4 +1,4 @@
-"""Connectivity of cells: simultaneous ring searches from several cells until all have met."""
+"""Local connectivity test: breadth-first searches from several cells, ring by ring, until all have met."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CROWD = np.int64(256)
 
 @helper
 def are_connected(indptr, indices, labels, label, search, filled, stamp, reach, crowd):
-    """Return True if the first ``filled`` cells of the queue are connected in their part ``label``.
+    """Return True if searches within part ``label`` connect the first ``filled`` cells of the queue.
 
     Complete rings of cells are grown around all of them simultaneously until they meet. The search ends
     between rings, so that its result does not depend on the order of the cells, after more than ``reach``
@@ -70,7 +70,7 @@ def are_connected(indptr, indices, labels, label, search, filled, stamp, reach, 
 
 @helper
 def keeps_whole(indptr, indices, labels, i, search, stamp):
-    """Return True if the neighbours of cell i with its label stay locally connected without it."""
+    """Return True if the neighbours of cell i in its part stay locally connected when i is removed."""
     label, queue, filled = labels[i], search[0], np.int64(0)
     for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
         j = np.uint32(indices[h])

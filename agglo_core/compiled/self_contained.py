@@ -1,4 +1,4 @@
-"""Compilers for kernels, which hold their own copies of helpers, and for helpers, which kernels link.
+"""Compilers for kernels, which contain copies of their helpers, and for these helpers.
 
 No other module uses the internals of ``numba.core.codegen`` and of numba's passes.
 """
@@ -17,7 +17,7 @@ from agglo_core.compiled import compile_lock
 
 
 class _KernelLibrary(JITCodeLibrary):
-    """Code of one kernel, whose machine code keeps its linked functions private.
+    """Machine code of one kernel, whose linked functions are invisible to other kernels.
 
     Numba leaves these functions as weak symbols, and a call leads to the first copy of that name in the
     process. In a process that compiled the kernel, this is the helper as compiled separately. In a process
@@ -38,10 +38,10 @@ class _KernelLibrary(JITCodeLibrary):
 
 
 class KernelCompiler(Compiler):
-    """Numba compiler with a library that keeps a kernel's helpers private."""
+    """Numba compiler for kernels, which keeps the copies of helpers in a kernel private."""
 
     def define_pipelines(self) -> Any:
-        """Create the library before the first pass, and return numba's passes."""
+        """Create the kernel's code library before the first pass, and return numba's passes."""
         state = self.state
         library: Any = _KernelLibrary
         state.library = library(state.targetctx.codegen(), state.func_id.func_qualname)
@@ -49,7 +49,7 @@ class KernelCompiler(Compiler):
         return super().define_pipelines()  # type: ignore[no-untyped-call]
 
     def compile_extra(self, func: Any) -> Any:
-        """Compile a function, and let other processes compile it if this fails."""
+        """Compile a function. If this fails, release the locks so that other processes compile it."""
         try:
             return super().compile_extra(func)  # type: ignore[no-untyped-call]
         except BaseException:
@@ -58,7 +58,7 @@ class KernelCompiler(Compiler):
 
 
 class _HelperLibrary(JITCodeLibrary):
-    """Intermediate code of one helper, which is optimised and translated only within kernels.
+    """Intermediate code of one helper, optimised and translated only as part of kernels.
 
     Numba optimises each called function by itself and turns it into machine code that nothing here runs,
     and optimises it again in the caller: a third of the time of compiling a kernel
@@ -78,7 +78,7 @@ class _HelperLibrary(JITCodeLibrary):
 
 @register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
 class _HelperLowering(NativeLowering):
-    """Numba pass that lowers a helper to intermediate code, for kernels to link."""
+    """Numba pass that translates a helper to intermediate code, for kernels to link."""
 
     _name = "helper_lowering"
 
@@ -101,10 +101,10 @@ class _HelperLowering(NativeLowering):
 
 
 class HelperCompiler(Compiler):
-    """Numba compiler without machine code: for functions that only kernels call."""
+    """Numba compiler for functions that only kernels call: it produces no machine code."""
 
     def define_pipelines(self) -> Any:
-        """Return numba's passes, with a lowering that ends at intermediate code."""
+        """Return numba's passes, with one replaced so that translation ends at intermediate code."""
         [passes] = super().define_pipelines()  # type: ignore[no-untyped-call]
         passes.passes = [
             (_HelperLowering if step is NativeLowering else step, text) for step, text in passes.passes

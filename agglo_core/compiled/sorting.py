@@ -1,4 +1,4 @@
-"""Sorting, and heaps of cells, within kernels."""
+"""Sorting, and a priority queue of cells, for use in kernels."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_core.compiled.compiling import helper
 
 @helper
 def sort_by_keys(items, keys, m):
-    """Sort ``items[:m]`` and their ``keys[:m]`` by ascending keys (Shell sort)."""
+    """Sort ``items[:m]`` and their ``keys[:m]`` together, by ascending keys (Shell sort)."""
     gap = 1
     while gap < m // 3:
         gap = 3 * gap + 1
@@ -25,7 +25,7 @@ def sort_by_keys(items, keys, m):
 
 @helper
 def stable_sort(order, values, spare):
-    """Sort ``order (m,)`` by ``values``, stably, by merging ever longer runs."""
+    """Sort ``order (m,)`` by ``values``, stably (merge sort)."""
     m, width = len(order), 1
     while width < m:
         # Merge pairs of runs of length ``width``. Equal values from the first run come first.
@@ -46,7 +46,7 @@ def stable_sort(order, values, spare):
 
 @helper
 def _sift_up(heap, keys, place, at):
-    """Move the entry ``at`` up until its parent has a larger key."""
+    """Move the heap element at index ``at`` up until its parent has no smaller key."""
     cell, key = heap[at], keys[at]
     while at > 0:
         parent = (at - 1) // 2
@@ -60,7 +60,7 @@ def _sift_up(heap, keys, place, at):
 
 @helper
 def _sift_down(heap, keys, place, at, size):
-    """Move the entry ``at`` down until its children have smaller keys."""
+    """Move the heap element at index ``at`` down until its children have no larger keys."""
     cell, key = heap[at], keys[at]
     while 2 * at + 1 < size:
         below = 2 * at + 1
@@ -76,7 +76,7 @@ def _sift_down(heap, keys, place, at, size):
 
 @helper
 def put_in(heap, keys, place, size, cell, key):
-    """Insert a cell into the heap, or change its key, and return the size."""
+    """Insert a cell into the heap, or change its key, and return the heap size."""
     at = np.int64(place[cell])
     if at < 0:
         at, size = size, size + 1
@@ -91,7 +91,7 @@ def put_in(heap, keys, place, size, cell, key):
 
 @helper
 def take_out(heap, keys, place, size):
-    """Pop the cell with the largest key, and return the cell and the size."""
+    """Remove the cell with the largest key from the heap, and return the cell and the heap size."""
     cell, size = heap[0], size - 1
     place[cell] = -1
     if size > 0:

@@ -1,4 +1,4 @@
-"""Sums of selected values with a fixed order of additions.
+"""Sums of selected values with a fixed order of additions, hence reproducible rounding.
 
 A share of exactly one half is rounded up or down by the last bit of a sum. Callers that need consistent
 decisions therefore need a common order. This order, pairwise, is the order of ``np.add.reduceat``.
@@ -39,13 +39,13 @@ def _by_pairs(values, indices, start, count):
 
 @helper
 def chosen_sum(values, indices, start, stop):
-    """Return the sum of the non-empty slice ``values[indices[start:stop]]``."""
+    """Return the sum of ``values[indices[start:stop]]``, a non-empty selection."""
     return values[indices[start]] + _by_pairs(values, indices, start + 1, stop - start - 1)
 
 
 @kernel
 def slice_sums(values, indices, offsets):
-    """Return the sums ``(k,)`` of ``values[indices]`` over the non-empty slices ``offsets (k + 1,)``."""
+    """Return the sum of ``values[indices]`` over each of the non-empty slices ``offsets (k + 1,)``."""
     sums = np.empty(len(offsets) - 1)
     for s in range(len(sums)):
         sums[s] = chosen_sum(values, indices, offsets[s], offsets[s + 1])

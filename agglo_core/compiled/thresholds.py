@@ -1,4 +1,4 @@
-"""Sweep rounding: find the threshold of a score that cuts each block best."""
+"""Bisection of blocks by a threshold of a score per cell: find the threshold with the cheapest cut."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LONG = 0.5
 
 @helper(allocates=True)
 def edge_room(offsets, indptr):
-    """Allocate workspace for the edges of the largest block: ends and lengths."""
+    """Allocate workspace for the edges of the largest block: both ends and the length of each edge."""
     most = 0
     for b in range(len(offsets) - 1):
         most = max(most, indptr[offsets[b + 1]] - indptr[offsets[b]])
@@ -32,7 +32,7 @@ def edge_room(offsets, indptr):
 
 @helper
 def edges_of_block(start, n, indptr, indices, interface, edge_arrays):
-    """Write each edge of a block once, with local end numbers, and return the edge count."""
+    """Write each edge of a block once, with ends numbered in the block, and return the edge count."""
     tails, heads, lengths = edge_arrays
     count = 0
     for i in range(n):
@@ -45,7 +45,7 @@ def edges_of_block(start, n, indptr, indices, interface, edge_arrays):
 
 @helper
 def thresholds_between(low, high, spread):
-    """Return the lowest threshold, and the thresholds per unit, for scores with mean 0.
+    """Divide the range of scores with mean 0 into bins: return its lower end and the bins per unit.
 
     ``spread`` is their standard deviation. The rate is 0 for constant scores.
     """
@@ -62,7 +62,7 @@ def _fill_bins(n, score, low, rate, bins):
 
 @helper
 def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
-    """Return the cost of the cheapest threshold, 1e300 if there is none, and the last bin below it.
+    """Return the cost of the cheapest threshold, 1e300 if none is valid, and the last bin below it.
 
     A threshold needs weight on both sides. ``tally (32, 5)`` contains for each bin its first moments x, y, z,
     its share, and the increase of the cut beyond it. It is cleared for the next use. The numbers are the sums
@@ -98,7 +98,7 @@ def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
 
 @helper
 def sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally):
-    """Return the cost of the best threshold of ``score[:n]`` on a block, and the last bin below it.
+    """Return the cost of a block's cheapest cut by a threshold of ``score[:n]``, and the last bin below.
 
     The cost is 1e300 if there is no valid threshold. ``low`` is the lowest threshold, ``rate`` the thresholds
     per unit. ``edges`` are the workspace filled by ``edges_of_block`` and the edge count. ``local (3, n)``
@@ -128,7 +128,7 @@ def sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally):
 
 @helper
 def write_sides(start, n, threshold, score, bins, sides):
-    """Write the sides of a block by the best threshold, or any halving if there is none."""
+    """Write the side of each cell of a block, or arbitrary halves if no threshold is valid."""
     best, last, low, rate = threshold
     if best == NO_CUT:
         for i in range(n):
@@ -141,7 +141,7 @@ def write_sides(start, n, threshold, score, bins, sides):
 
 @helper(reorder_sums=True)
 def _project(n, a, b, x, y, score):
-    """Write ``score = a x + b y`` and return its extremes."""
+    """Write the scores a x + b y of all cells, and return their extremes."""
     low, high = a * x[0] + b * y[0], a * x[0] + b * y[0]
     for i in range(n):
         score[i] = a * x[i] + b * y[i]
@@ -151,7 +151,7 @@ def _project(n, a, b, x, y, score):
 
 @helper
 def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally):
-    """Find the cheapest cut of a 2-D block across its principal axis, or axes rotated by ``turns``.
+    """Find the cheapest cut of a 2-D block across its principal axis, or across axes rotated from it.
 
     Long blocks are not cut lengthwise: if the ratio of moments is below 0.5, axes more than 25° off are
     skipped. Then the best axis so far is rotated by each angle in ``finer``, in both directions. Returns the
@@ -200,14 +200,14 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
 
 @helper
 def bar_of(threshold):
-    """Return the score above which cells lie right of the best threshold, infinite if there is none."""
+    """Return the score above which cells are on side 1, infinite if no threshold is valid."""
     best, last, low, rate = threshold
     return low + (last + 1.0 + _TIE) / rate if best < NO_CUT else np.inf
 
 
 @helper
 def _centre_column(start, n, column, shares, score):
-    """Write the column minus its mean to ``score``, and return its extremes and standard deviation."""
+    """Write a column minus its weighted mean to ``score``, and return extremes and standard deviation."""
     low, high, mean, square = column[start], column[start], 0.0, 0.0
     for i in range(n):
         low, high = min(low, column[start + i]), max(high, column[start + i])
@@ -245,7 +245,7 @@ def sweep_level(offsets, indptr, indices, interface, centroids, weights, measure
 
 @kernel
 def sweep_axes(offsets, indptr, indices, interface, centroids, weights, measures, count):
-    """Bisect each 2-D block at the cheapest threshold along ``count`` axes."""
+    """Bisect each 2-D block at the cheapest threshold of the coordinates along ``count`` axes."""
     largest = np.diff(offsets).max()
     local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
     bins, tally, edge_arrays = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)

@@ -1,4 +1,4 @@
-"""Test whether cells are wider than a limit, faster than by their diameter."""
+"""Test of sets of cells for vertices farther apart than a limit, faster than by the diameter."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _ROUNDING = 1e-12  # relative to a squared distance, with a margin
 
 @helper
 def _square(v, x, y, z, points):
-    """Return the squared distance from vertex v to a point, without z in 2-D."""
+    """Return the squared distance from vertex v to the point (x, y, z), without z in 2-D."""
     last = points.shape[1] - 1
     a, b, c = points[v, 0] - x, points[v, 1] - y, (last - 1.0) * (points[v, last] - z)
     return a * a + b * b + c * c  # a loop over the dimensions takes twice the time
@@ -20,7 +20,7 @@ def _square(v, x, y, z, points):
 
 @helper
 def _outside(cells, vertex_offsets, vertices, points, centre, inner, rim):
-    """Write the vertices at squared distance ``inner`` or more, and return their number."""
+    """Write the vertices with squared distance ``inner`` or more from the centre, and return their number."""
     x, y, z, m = centre[0], centre[1], centre[len(centre) - 1], np.uint64(0)
     for k in range(len(cells)):
         i = np.uint64(cells[k])
@@ -32,7 +32,7 @@ def _outside(cells, vertex_offsets, vertices, points, centre, inner, rim):
 
 @helper
 def _reach(cells, vertex_offsets, vertices, points, centre):
-    """Return the largest squared distance from the centre to a vertex, and the vertex count with copies."""
+    """Return the largest squared distance from centre to vertex, and the vertex count with duplicates."""
     x, y, z, most, count = centre[0], centre[1], centre[len(centre) - 1], 0.0, 0
     for k in range(len(cells)):
         i = np.uint64(cells[k])
@@ -80,7 +80,7 @@ def is_wider(cells, vertex_offsets, vertices, points, centre, limit):
 
 @kernel
 def wide_blocks(block_offsets, cells, vertex_offsets, vertices, points, centres, limit):
-    """Mark the blocks ``(B,)`` with two vertices farther apart than ``limit``.
+    """Mark the blocks ``(B,)`` that contain two vertices farther apart than ``limit``.
 
     The ``centres (B, 2)`` are the block centres.
     """
