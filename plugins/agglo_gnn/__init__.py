@@ -1,4 +1,4 @@
-"""Graph neural network bisectors, and commands to train and inspect models."""
+"""Plugin with graph neural network bisectors, and commands to train and inspect the networks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from agglo_core.authoring import Command, Component, hookimpl
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Return the bisectors."""
+    """Return the declarations of the bisectors ``gnn`` and ``gnn_paper``."""
     return [
         Component(
             kind="bisector",
@@ -31,7 +31,7 @@ def agglo_components() -> list[Component]:
 
 @hookimpl
 def agglo_commands() -> list[Command]:
-    """Return the commands ``agglo train`` and ``agglo model``."""
+    """Return the declarations of the commands ``agglo train`` and ``agglo model``."""
     return [
         Command("train", "agglo_gnn.training.command:train", "Train a graph neural network from a seed."),
         Command("model", "agglo_gnn.model:model", "Inspect a model file."),

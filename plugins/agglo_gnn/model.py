@@ -1,4 +1,4 @@
-"""Implement ``agglo model``, the inspection of model files."""
+"""The command ``agglo model``, which inspects files with trained networks."""
 
 from __future__ import annotations
 

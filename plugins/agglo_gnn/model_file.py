@@ -1,4 +1,4 @@
-"""Read and write model files: safetensors arrays with a descriptive header.
+"""Files with trained networks: safetensors arrays of parameters, and a descriptive header.
 
 A header is a JSON object under the key ``agglo`` of the file's metadata. It has at least these keys:
 
@@ -32,7 +32,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 def save(path: str | Path, arrays: Arrays, header: Mapping[str, Any]) -> None:
-    """Write a model file atomically.
+    """Write a model file in one step, so that an interruption leaves no incomplete file.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def save(path: str | Path, arrays: Arrays, header: Mapping[str, Any]) -> None:
 def load(
     path: str | Path, architecture: str | None = None, shapes: Mapping[str, tuple[int, ...]] | None = None
 ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Read a model file, and return its arrays and header after a complete check.
+    """Read and completely check a model file, and return its arrays and header.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def _check_name(target: Path) -> None:
 
 
 def _content(path: Path, most: int = -1) -> bytes:
-    """Return the first ``most`` bytes of a file, or all if negative."""
+    """Return the first ``most`` bytes of a file, or the whole file if ``most`` is negative."""
     if path.exists() and not (path.is_file() or path.is_dir()):  # a device may be endless
         raise FileError(f"{path}: is not a regular file")
     try:
@@ -188,7 +188,7 @@ def _digest(arrays: Arrays) -> str:
 
 
 def check_shapes(path: str | Path, arrays: Arrays, shapes: Mapping[str, tuple[int, ...]]) -> None:
-    """Raise FileError unless the arrays have exactly these names and shapes, and are real."""
+    """Raise FileError unless the arrays have exactly these names and shapes, and contain real numbers."""
     odd = sorted(arrays.keys() ^ shapes.keys())
     if odd:
         verb = "lacks" if odd[0] in shapes else "has an unknown"

@@ -1,1 +1,1 @@
-"""The paper's network in torch: bisector, data, training."""
+"""The network of the paper in torch: bisector, training data and training."""

@@ -1,4 +1,4 @@
-"""Bisector ``gnn_paper``: the paper's network, or a user-defined network."""
+"""The bisector ``gnn_paper``, which uses the paper's network or a user-defined network."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ROUNDINGS = ("threshold", "sweep")
 
 
 class PaperGNN:
-    """Bisect by the paper's graph neural network (§3), with one forward pass per recursion depth.
+    """Bisect by the paper's graph neural network (§3), evaluated once per depth of the recursion.
 
     The network may put a whole piece, in particular a small piece, on one side. The declared fallback then
     splits the piece, and the run counts these cases. 2-D meshes only.
@@ -58,7 +58,7 @@ class PaperGNN:
         self._network = load_network(network, WEIGHTS if weights is None else weights).to(self._type)
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Float | Int:
-        """Return the probability of side 1 for each node ``(n,)``, or sides if swept.
+        """Return the probability of side 1 for each node ``(n,)``, or the sides with ``rounding="sweep"``.
 
         ``seeds`` are ignored.
         """
@@ -68,7 +68,7 @@ class PaperGNN:
         return torch.sigmoid(torch.from_numpy(logits)).numpy()
 
     def logits(self, level: Graph) -> Float:
-        """Return the log odds of side 1 for each node ``(n,)``."""
+        """Return the log odds of side 1 against side 0 for each node ``(n,)``."""
         features = torch.from_numpy(inorm(level)).to(self._type)
         with torch.inference_mode():
             scores = self._network(features, Neighbours.of([level])).double()

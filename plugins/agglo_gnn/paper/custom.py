@@ -33,7 +33,7 @@ from agglo_gnn.paper.trial import keep_torch_state, try_network
 
 
 def network_class(name: str | None) -> Callable[[], nn.Module]:
-    """Return the paper's network, or import ``"module:Class"``, also from the current folder.
+    """Import and check the network class ``"module:Class"``. Without a name, return the paper's.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def network_class(name: str | None) -> Callable[[], nn.Module]:
 
 
 def _builds_networks(target: object) -> bool:
-    """Return True for a network class, or a function without required arguments."""
+    """Return True for a class of torch networks, or a function without required arguments."""
     if isinstance(target, type):
         return issubclass(target, nn.Module)
     if not inspect.isfunction(target):
@@ -75,17 +75,17 @@ def _builds_networks(target: object) -> bool:
 
 
 def architecture_of(name: str | None) -> str:
-    """Return the architecture name in model files."""
+    """Return the name by which model files refer to a network architecture."""
     return ARCHITECTURE if name is None else f"custom {name}"
 
 
 def arrays_of(network: nn.Module) -> dict[str, NDArray[np.float32]]:
-    """Return parameters and buffers by name."""
+    """Return the parameters and buffers of a network as arrays by name."""
     return {name: value.detach().cpu().numpy() for name, value in network.state_dict().items()}
 
 
 def load_network(name: str | None, weights: str | Path) -> nn.Module:
-    """Build a network with the arrays of a model file, ready for use.
+    """Build a network, load its parameters from a model file, and prepare it for evaluation.
 
     The file is read first: no code is imported for an invalid file.
 
@@ -105,7 +105,7 @@ def load_network(name: str | None, weights: str | Path) -> nn.Module:
 
 @contextmanager
 def _current_folder() -> Iterator[None]:
-    """Make modules in the current folder importable within the block."""
+    """Make modules in the current folder importable within a ``with`` block."""
     folder = str(Path.cwd())
     sys.path.insert(0, folder)
     try:

@@ -1,4 +1,4 @@
-"""The paper's training set: four mesh families on the unit square, and mesh pieces."""
+"""The paper's training set: dual graphs of four mesh families on the unit square, and parts of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SMALLEST = 4  # minimum cells of a piece; pieces below three times as many are 
 
 
 def draw(count: int, rng: np.random.Generator, pieces: float = 0.0) -> Iterator[Graph]:
-    """Yield ``count`` dual graphs, cycling through the families, with log-uniform sizes.
+    """Yield ``count`` dual graphs, from each mesh family in turn, with log-uniformly distributed sizes.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def _mesh(family: str, rng: np.random.Generator) -> Graph:
 
 
 def random_piece(graph: Graph, rng: np.random.Generator) -> Graph:
-    """Return a connected piece of a connected graph after one to seven random straight cuts.
+    """Return a connected subgraph of a connected graph, left by one to seven random straight cuts.
 
     Each cut has a random direction and leaves 35 to 65 per cent of the cells on either side. The largest
     component of a random side is kept. Pieces with fewer than twelve cells are not cut again.
@@ -63,7 +63,7 @@ def random_piece(graph: Graph, rng: np.random.Generator) -> Graph:
 
 
 def _largest(graph: Graph, mask: Mask) -> Graph:
-    """Return the largest component of the chosen nodes."""
+    """Return the largest connected component of the subgraph on the nodes in the mask."""
     component = graph.components(mask.astype(np.int64))
     counts = np.bincount(component, mask)
     nodes = np.flatnonzero(component == counts.argmax())

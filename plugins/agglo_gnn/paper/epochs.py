@@ -1,4 +1,4 @@
-"""Train a network by the paper's loss, from any seed, in resumable epochs."""
+"""Reproducible training of a network by the paper's loss, in epochs that can be resumed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from agglo_gnn.paper.network import Neighbours, expected_normalised_cut, inorm
 
 @dataclass(frozen=True)
 class Recipe:
-    """Training data and options, with the paper's values as defaults (§3.3).
+    """Settings of training data and optimiser, with the paper's values as defaults (§3.3).
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Epoch:
-    """Training progress: mean losses over meshes, and the fraction ``one_sided`` of pieces."""
+    """Progress after an epoch: mean training and validation losses, and fraction of one-sided bisections."""
 
     number: int
     loss: float
@@ -55,7 +55,7 @@ Sample = tuple[Graph, Tensor]
 
 
 class Training:
-    """A network with its optimiser and its data.
+    """Training run of one network, with its optimiser and its data.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class Training:
         self._pieces = _samples((random_piece(graph, streams[2]) for graph in fresh), device)
 
     def epochs(self) -> Iterator[Epoch]:
-        """Train, and yield the progress after each remaining epoch."""
+        """Train for all remaining epochs, and yield the progress after each."""
         while self.done < self.recipe.epochs:
             with _seed_torch(self.recipe.seed, self.done + 1):
                 loss = self._epoch()
@@ -105,7 +105,7 @@ class Training:
 
     @torch.no_grad()
     def measure(self, samples: Sequence[Sample]) -> tuple[float, float]:
-        """Return the mean loss, and the fraction of graphs with all cells on one side."""
+        """Return the mean loss over some graphs, and the fraction of them with all cells on one side."""
         self.network.eval()
         total, one_sided = 0.0, 0
         for start in range(0, len(samples), 50):
@@ -118,14 +118,14 @@ class Training:
         return total / len(samples), one_sided / len(samples)
 
     def state(self) -> dict[str, np.ndarray]:
-        """Return parameters and optimiser moments by name: with ``done``, a complete checkpoint."""
+        """Return network parameters and optimiser moments by name, from which training can be resumed."""
         arrays = {f"network.{name}": value for name, value in self.network.state_dict().items()}
         for (name, _), moments in zip(self.network.named_parameters(), self._moments(), strict=True):
             arrays |= {f"{key}.{name}": value for key, value in moments.items()}
         return {name: value.cpu().numpy() for name, value in arrays.items()}
 
     def restore(self, arrays: dict[str, np.ndarray], done: int) -> None:
-        """Continue from a :meth:`state` after ``done`` epochs.
+        """Resume from a result of :meth:`state` after ``done`` epochs.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class Training:
         self.done = done
 
     def _moments(self) -> Iterator[dict[str, Tensor]]:
-        """Yield Adam's state for each parameter, zeros before the first step."""
+        """Yield the state of the Adam optimiser for each parameter, zeros before the first step."""
         for parameter in self.network.parameters():
             state: dict[str, Any] = self.optimiser.state.get(parameter, {})
             blank = torch.zeros_like(parameter)
@@ -171,14 +171,14 @@ def _samples(graphs: Iterator[Graph] | Sequence[Graph], device: str) -> list[Sam
 
 @contextmanager
 def _seed_torch(seed: int, step: int) -> Iterator[None]:
-    """Seed torch's generators within the block, and restore them afterwards."""
+    """Seed torch's random generators within a ``with`` block, and restore them afterwards."""
     with torch.random.fork_rng():
         torch.manual_seed((seed << 20) + step)
         yield
 
 
 def choose_device(wanted: str) -> str:
-    """Return ``"cpu"`` or ``"cuda"``, where ``"auto"`` prefers an available GPU.
+    """Return ``"cpu"`` or ``"cuda"``. The choice ``"auto"`` prefers a GPU if available.
 
     Raises
     ------

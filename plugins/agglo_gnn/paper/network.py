@@ -1,4 +1,4 @@
-"""The paper's network in plain torch: INorm, four SAGE layers, three linear layers, and its loss.
+"""The paper's network in torch: input normalisation (INorm), four SAGE and three linear layers, loss.
 
 A batch is one block-diagonal graph in CSR form: the meshes of a mini-batch in training, the pieces at a
 recursion depth in use.
@@ -22,7 +22,9 @@ _HIDDEN, _LAYERS = 64, 4  # width of the layers, and number of SAGE layers, as i
 
 
 def inorm(level: Graph) -> Float:
-    """Return the paper's INorm for each block: measure and centroid of each cell ``(n, 3)``.
+    """Return the normalised inputs of the paper's network: measure and centroid of each cell ``(n, 3)``.
+
+    Each block is normalised by itself: the paper's INorm.
 
     Measures are divided by their maximum. Centroids are taken relative to the centre of mass, in principal
     axes, and both coordinates are divided by the largest absolute value. The paper rotates pieces longer in
@@ -48,7 +50,7 @@ def inorm(level: Graph) -> Float:
 
 @dataclass(frozen=True)
 class Neighbours:
-    """Edges and blocks of a batch.
+    """Edges of several graphs evaluated as one batch, and the block of each node.
 
     Attributes
     ----------
@@ -66,7 +68,7 @@ class Neighbours:
 
     @classmethod
     def of(cls, graphs: Sequence[Graph], device: str = "cpu") -> Neighbours:
-        """Join graphs side by side, and keep the blocks of each."""
+        """Join graphs into one batch without edges between them, keeping the blocks of each."""
         starts = np.cumsum([0, *(graph.n for graph in graphs)])
         edges = np.cumsum([0, *(len(graph.indices) for graph in graphs)])
         before = np.cumsum([0, *(graph.n_blocks for graph in graphs)])
@@ -87,7 +89,7 @@ class Neighbours:
         return self.sum(values) / self.degrees(values.dtype).clamp(min=1.0)
 
     def degrees(self, dtype: torch.dtype) -> Tensor:
-        """Return the number of neighbours ``(n, 1)``."""
+        """Return the number of neighbours of each node ``(n, 1)``."""
         return (self.indptr[1:] - self.indptr[:-1]).to(dtype)[:, None]
 
     def block_sums(self, values: Tensor) -> Tensor:
@@ -97,7 +99,7 @@ class Neighbours:
 
 
 class _NeighbourSum(torch.autograd.Function):
-    """The product A H for a symmetric A, whose gradient is A applied to the gradient."""
+    """The product A H with a symmetric adjacency matrix A, differentiable by torch."""
 
     @staticmethod
     def forward(ctx, values, indptr, indices):  # type: ignore[no-untyped-def]
@@ -127,7 +129,7 @@ class PaperNetwork(nn.Module):
         self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in ((_HIDDEN, 32), (32, 8), (8, 2)))
 
     def forward(self, x: Tensor, neighbours: Neighbours) -> Tensor:
-        """Return logits ``(n, 2)`` for features ``(n, 3)``.
+        """Return two scores per node, the logits ``(n, 2)`` of the sides, for features ``(n, 3)``.
 
         The softmax of a row is the paper's Y.
         """
@@ -140,7 +142,7 @@ class PaperNetwork(nn.Module):
 
 
 def expected_normalised_cut(logits: Tensor, neighbours: Neighbours) -> Tensor:
-    """Return the paper's loss per block ``(n_blocks,)``: expected cut over expected volume, summed over k.
+    """Return the paper's loss per block ``(n_blocks,)``: Σ_k expected cut / expected volume of side k.
 
     Edges count 1 and nodes their degree, as in :mod:`agglo_core.graph.functionals`.
     """

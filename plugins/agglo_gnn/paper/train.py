@@ -1,4 +1,4 @@
-"""The preset ``paper`` of ``agglo train``: training with checkpoints, log and model file."""
+"""Training for ``agglo train --preset paper``, with checkpoints, log and model file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def train_paper(
     log: Path | None = None,
     quiet: bool = True,
 ) -> dict[str, Any]:
-    """Train by the paper's loss into the model file ``target``, and return its header.
+    """Train a network by the paper's loss, write the model file ``target``, and return its header.
 
     The log has a line per epoch: running mean loss on the training set, mean loss on the validation meshes,
     and the fraction of one-sided random validation pieces.
@@ -76,7 +76,7 @@ def _checkpoint(header: dict[str, Any]) -> dict[str, str]:
 
 
 def _resume(training: Training, checkpoint: Path, header: dict[str, Any]) -> None:
-    """Resume training from its checkpoint.
+    """Resume a training from its checkpoint.
 
     All options except the number of epochs must be unchanged.
     """

@@ -1,4 +1,4 @@
-"""Check, before any training, that a user-defined network can be trained, saved and used."""
+"""Test, before any training, that a user-defined network can be trained, saved and evaluated."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _BATCH_NORMS = (nn.BatchNorm1d, nn.BatchNorm2d, nn.BatchNorm3d, nn.SyncBatchNorm
 
 
 def try_network(name: str, build: Callable[[], nn.Module]) -> None:
-    """Build the network, check its state, and evaluate it on two small meshes, together and alone.
+    """Test a network on two small meshes, together and alone, and raise OptionError if it is unsuitable.
 
     It is evaluated in evaluation mode and in training mode: batch norm, for example, mixes blocks only in
     training.
@@ -43,13 +43,13 @@ def try_network(name: str, build: Callable[[], nn.Module]) -> None:
 
 @contextmanager
 def keep_torch_state() -> Iterator[None]:
-    """Restore the state of torch's generators after the block."""
+    """Restore the state of torch's random generators after a ``with`` block."""
     with torch.random.fork_rng():
         yield
 
 
 def _shapes(name: str, network: nn.Module) -> dict[str, tuple[int, ...] | None]:
-    """Return the shapes of the state arrays, None for anything else."""
+    """Return the shapes of a network's state arrays by name, None for any other state."""
     if not any(parameter.requires_grad for parameter in network.parameters()):
         raise OptionError(f"network {name!r} has no parameters to train")
     state = network.state_dict()
@@ -72,7 +72,7 @@ def _check_state(name: str, network: nn.Module, before: dict[str, tuple[int, ...
 
 
 def _unsavable_reason(value: object) -> str:
-    """Return the reason that prevents saving a state value, or an empty text."""
+    """Return the reason why a model file cannot contain a state value, empty if it can."""
     if not isinstance(value, Tensor):
         return f"is a {type(value).__name__}, and model files hold arrays only"
     if value.dtype not in (torch.float16, torch.float32, torch.float64):
@@ -85,7 +85,7 @@ def _unsavable_reason(value: object) -> str:
 
 
 def _ask(name: str, network: nn.Module) -> None:
-    """Check that logits depend only on the block and on the parameters.
+    """Check that the logits of a block depend only on this block and on the network parameters.
 
     In evaluation mode the second mesh is evaluated alone too, in training mode with the first mesh changed.
     """
@@ -118,7 +118,7 @@ def _ask(name: str, network: nn.Module) -> None:
 
 
 def _culprit(network: nn.Module) -> str:
-    """Return a message part that names the first batch norm, if there is one."""
+    """Return an addition to the error message that names the first batch norm layer, if any."""
     norms = ((key, layer) for key, layer in network.named_modules() if isinstance(layer, _BATCH_NORMS))
     return next((f": {key!r} is a {type(layer).__name__}" for key, layer in norms), "")
 

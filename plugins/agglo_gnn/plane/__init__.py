@@ -1,1 +1,1 @@
-"""The small 2-D network: data, training, kernels."""
+"""The small 2-D network of the bisector ``gnn``: training data, training and compiled evaluation."""

@@ -1,4 +1,4 @@
-"""Training data of the fast model in flat arrays, and tensor batches."""
+"""Training data of the 2-D network: mesh pieces in flat arrays, and batches of them as tensors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Pieces:
-    """Pieces in flat arrays: piece p owns rows ``offsets[p]:offsets[p + 1]`` of each kind."""
+    """Many pieces in flat arrays: ``offsets[p]:offsets[p + 1]`` are the cells, edges or bins of piece p."""
 
     cell_offsets: Int
     cells: Float
@@ -37,7 +37,7 @@ class Pieces:
 
 
 def gather(levels: list[Graph]) -> Pieces:
-    """Join all blocks in flat arrays, with lengths in units of √A."""
+    """Collect the features of all blocks in flat arrays, with lengths relative to √A (A the area)."""
     return Pieces(**join_arrays([_arrays_of(level) for level in levels]))
 
 

@@ -1,4 +1,4 @@
-"""The fast model: a small graph network on a raster of each piece selects the cut, without torch."""
+"""The bisector ``gnn``: a small graph network on a raster of each block chooses the cut, without torch."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _MODELS = {2: ("fast", SHAPES), 3: ("fast3d", SPATIAL_SHAPES)}  # file name and 
 
 
 class FastGNN:
-    """Bisect by a learned direction and an exact sweep across it.
+    """Bisect at the best threshold along a direction that a small neural network predicts.
 
     In 2-D a block of at least 400 cells is rasterised in its principal frame. Two SAGE layers on the
     raster, pooling and three dense layers give the cut direction. The threshold near the mean with the
@@ -83,7 +83,7 @@ class FastGNN:
         self._h_star: float | None = None
 
     def for_target(self, target: Target) -> FastGNN:
-        """Return this bisector, or a copy that looks ahead to the target size.
+        """Return this bisector, or with lookahead a copy for the target size.
 
         Raises
         ------
@@ -102,7 +102,7 @@ class FastGNN:
         return ahead
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Return the side of each node ``(n,)``, whatever the ``seeds``."""
+        """Return the side of each node ``(n,)``, independent of the ``seeds``."""
         if self._h_star is not None:
             if level.dim != 2:
                 raise OptionError("gnn: lookahead works in 2-D only, given a 3-D mesh")
@@ -112,7 +112,9 @@ class FastGNN:
         return self.fast_sides(level)
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """Run all splits in one call, or return None if it looks ahead.
+        """Perform all splits of a level in one compiled call.
+
+        Returns None with lookahead, which needs the step-by-step path.
 
         Only the built-in refiner, or none, and the built-in fixer allow this.
         """
@@ -126,7 +128,7 @@ class FastGNN:
         return PieceGrowth.for_components(graph, pieces, partial(split, self.net(graph.dim)), refiners, fixer)
 
     def fast_sides(self, level: Graph) -> Int:
-        """Return the side of each node ``(n,)``, without lookahead."""
+        """Return the side of each node ``(n,)``, always without lookahead."""
         if level.dim == 2:
             from agglo_gnn.plane.kernels import bisect_fast as bisect
         else:
@@ -136,7 +138,7 @@ class FastGNN:
         return sides
 
     def net(self, dim: int) -> tuple[Float, ...]:
-        """Return the parameters for meshes with a dimension.
+        """Return the network parameters for meshes with dimension ``dim``.
 
         Raises
         ------
@@ -150,7 +152,7 @@ class FastGNN:
 
 
 def _parameters(weights: str | os.PathLike[str] | Mapping[str, Any]) -> dict[int, tuple[Float, ...]]:
-    """Return the ordered arrays by the mesh dimension of the weights."""
+    """Return the network parameters in order, keyed by the mesh dimension that they are for."""
     if isinstance(weights, Mapping):
         arrays: Mapping[str, Any] = weights
         dim = 3 if set(arrays) == set(SPATIAL_SHAPES) else 2

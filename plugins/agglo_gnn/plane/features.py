@@ -1,4 +1,4 @@
-"""Input features for the fast network: block rasters and block moments."""
+"""Inputs of the 2-D network: a raster image of each block, and moments of the block."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FEATURES = (
 
 @dataclass(frozen=True)
 class Rasters:
-    """Network input for all blocks: each block is a raster of at most about 200 occupied bins.
+    """Network inputs for all blocks: each block as a raster with at most about 200 occupied bins.
 
     A block is described in its frame: origin at the centre of mass, principal axes, each pointing to its
     heavier tail, and one scale that maps a square to [−1, 1]². Shift, scale and rotation of the mesh change

@@ -1,4 +1,4 @@
-"""Kernels of the fast model: the network on a piece raster, and the sweep in its direction."""
+"""Compiled evaluation of the 2-D network, and the search for the best cut in the predicted direction."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _FEW = 400
 
 @helper(allocates=True)
 def _sage(count, near, features, own_weight, mean_weight, bias, result):
-    """Compute a SAGE layer and write it to ``result (count, outputs)``.
+    """Evaluate a graph convolution (SAGE) layer, and write it to ``result (count, outputs)``.
 
     It is ``ReLU(features · own_weight + mean over neighbours of features · mean_weight + bias)``.
 
@@ -80,7 +80,7 @@ def _sage(count, near, features, own_weight, mean_weight, bias, result):
 
 @helper
 def dense(x, weight, bias, rectify, y):
-    """Compute ``y = x · weight + bias``, rectified or not."""
+    """Compute ``y = x · weight + bias``, followed by ReLU if ``rectify``."""
     for o in range(len(bias)):
         y[o] = bias[o]
     for k in range(weight.shape[0]):
@@ -93,7 +93,7 @@ def dense(x, weight, bias, rectify, y):
 
 @kernel
 def direction(count, nodes, near, areas, features, net):
-    """Evaluate the network: coefficients (c₁, c₂) of the logit c₁ u + c₂ v of a piece.
+    """Evaluate the network on a piece: coefficients (c₁, c₂) of the cut function c₁ u + c₂ v.
 
     ``nodes (count, 4)``, ``near`` and ``areas (count,)`` are its raster, ``features (13,)`` the piece
     features; see ``raster_kernels``.
@@ -121,7 +121,7 @@ def direction(count, nodes, near, areas, features, net):
 
 @helper(reorder_sums=True)
 def _band_bins(n, x, y, p, q, low, rate, shares, bins):
-    """Write the bins of p x + q y, and return share and first moments below the band.
+    """Write the bin of p x + q y for each cell, and return share and moments below all bins.
 
     Bins are −1 below the band and 32 above.
     """
@@ -137,7 +137,7 @@ def _band_bins(n, x, y, p, q, low, rate, shares, bins):
 
 
 class PlaneWork(NamedTuple):
-    """Workspace for a piece in 2-D, and the network parameters.
+    """Workspace to bisect pieces in 2-D, and the network parameters.
 
     ``turns`` and ``finer`` are cosines and sines, ``uv (2, m)`` positions in the frame, ``listed`` the
     cells with a bin.
@@ -155,7 +155,7 @@ class PlaneWork(NamedTuple):
 
 @helper
 def number_cells(pieces, lo, hi):
-    """Tag a piece's cells as left, and write their numbers to the second column of the marks."""
+    """Number the cells of a piece within it (second column of the marks), and assign all to the left side."""
     cells, tag, marks = pieces
     left_tag, _ = piece_splits.side_tags(lo, hi)
     start = np.uint64(lo)
@@ -166,7 +166,7 @@ def number_cells(pieces, lo, hi):
 
 @helper
 def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, std):
-    """Find the cheapest threshold of p x + q y near its mean.
+    """Find the cheapest cut by a threshold of p x + q y in a band about the mean.
 
     Unlike ``sweep_block``, only thresholds and edges in the band count. ``std`` is the standard
     deviation of the score. Returns the cost, the last bin below, the lowest threshold and the number of
@@ -211,7 +211,7 @@ def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, std):
 
 @helper
 def _equal(n, shares):
-    """Return True if all shares are equal, up to 1e-6 relative to the largest."""
+    """Return True if all cells have equal weight shares, up to 1e-6 relative to the largest."""
     low, high = shares[0], shares[0]
     for i in range(n):
         low, high = min(low, shares[i]), max(high, shares[i])
@@ -222,7 +222,7 @@ def _equal(n, shares):
 
 @helper
 def _cut_near_mean(graph, pieces, lo, hi, work, axis):
-    """Find the cheapest cut near the mean of the network's score.
+    """Find the cheapest cut of a piece near its centre, in the network's or other directions.
 
     With few cells the axes are tried instead, with equal cells in addition; then the best direction is
     rotated slightly. Returns the result of ``_band_sweep``, and leaves the score in the heights, its
@@ -274,7 +274,10 @@ def _cut_near_mean(graph, pieces, lo, hi, work, axis):
 
 @helper
 def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
-    """Tag both sides of a loaded piece: the ``cut`` of ``piece_driver.split_pieces_by``."""
+    """Bisect the loaded piece, and tag the cells with their sides.
+
+    This is the ``cut`` of ``piece_driver.split_pieces_by``.
+    """
     (local, shares, scales), (heights, bins, tally, ends) = work.points, work.scores
     n, axis, best = hi - lo, sides.normal, (NO_CUT, 0, 0.0, 0.0)
     axis[2] = 0.0
@@ -298,7 +301,7 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
 
 @helper(allocates=True)
 def _new_work(m, edges, net):
-    """Return the workspace for pieces with up to ``m`` cells and ``edges`` edges, with the network."""
+    """Allocate the workspace for pieces with up to ``m`` cells and ``edges`` edges."""
     points, scores = piece_frames.new_points(m), piece_sweeps.new_scores(m, edges)
     turns, finer = half_circle(_AXES), halvings(_AXES, _FINER)
     uv, listed = np.empty((2, m)), np.empty(m + 1, np.int32)
@@ -307,7 +310,7 @@ def _new_work(m, edges, net):
 
 @kernel
 def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measures, net):
-    """Return the side of each node in a 2-D graph, by the network or, for small blocks, the best axis."""
+    """Bisect each block of a 2-D graph by the network, small blocks along the best axis."""
     n, largest, most = len(weights), np.int64(0), np.int64(0)
     for b in range(len(offsets) - 1):
         largest = max(largest, offsets[b + 1] - offsets[b])
@@ -334,7 +337,7 @@ def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measure
 
 @kernel
 def split_fast(net, graph, shape, pieces, lists, limits, budget):
-    """Split pieces by the network: see ``piece_driver.split_pieces_by``."""
+    """Split pieces recursively by the network: see ``piece_driver.split_pieces_by``."""
     m, edges = piece_driver.largest_piece(lists), piece_sweeps.most_edges(lists, pieces.cells, graph.indptr)
     work, load = _new_work(m, edges, net), piece_frames.load_piece
     piece_driver.split_pieces(load, _cut, work, graph, shape, pieces, lists, limits, budget)

@@ -1,4 +1,4 @@
-"""Choose cuts by lookahead: try several, split both sides completely, and keep the best."""
+"""Choice of cuts by lookahead: try several, split both sides completely, and keep the best cut."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _UNEVEN = 4.0
 
 @dataclass(frozen=True)
 class _Quick:
-    """The roll-out bisector, as the recursion expects it."""
+    """Bisector without lookahead that splits both sides of each candidate cut."""
 
     sides: Callable[[Graph], Int]
 
@@ -43,7 +43,7 @@ class _Quick:
 
 
 def look_ahead(level: Graph, quick: Callable[[Graph], Int], count: int, h_star: float) -> Int:
-    """Return the sides ``(n,)`` of each block's candidate cut with the fewest resulting parts.
+    """Return the sides ``(n,)`` of the candidate cut of each block that finally leads to fewest parts.
 
     Candidates are the cut of ``quick`` and the best thresholds along axes at equal angles from the
     principal axis, refined and connected. Each side is then split by ``quick`` until no part exceeds
@@ -89,7 +89,7 @@ def look_ahead(level: Graph, quick: Callable[[Graph], Int], count: int, h_star: 
 
 
 def _cuts(blocks: Graph, quick: Callable[[Graph], Int], count: int) -> Int:
-    """Return the sides of all candidates ``(count · n,)``, candidate by candidate."""
+    """Return the sides for all candidate cuts ``(count · n,)``, candidate by candidate."""
     u, v = rasterise(blocks).cells.T
     angles = np.arange(count - 1) * np.pi / (count - 1)
     turned = [sweep(blocks, np.cos(angle) * u + np.sin(angle) * v) for angle in angles]
@@ -97,7 +97,7 @@ def _cuts(blocks: Graph, quick: Callable[[Graph], Int], count: int) -> Int:
 
 
 def _copies(graph: Graph, count: int) -> Graph:
-    """Return ``count`` copies of all blocks, one after the other."""
+    """Return a graph with ``count`` copies of all blocks, one after the other."""
     shift = np.repeat(np.arange(count) * graph.n, len(graph.indices))
 
     def stacked(offsets: Int) -> Int:
@@ -121,7 +121,10 @@ def _copies(graph: Graph, count: int) -> Graph:
 
 
 def _roll_out(trials: Graph, cuts: Int, run: Run, h_star: float) -> tuple[Int, Float]:
-    """Return the number of resulting parts per cut, and their interface length, penalised for small parts."""
+    """Split both sides of each cut completely, and return the number of parts and the interface length.
+
+    The length is increased by a penalty for parts below the allowed size.
+    """
     pieces = frozen_int(2 * trials.block_ids + cuts)
     tree, leaves = grow(trials, pieces, SizeGoal(h_star), run)
     owner = trials.block_ids[tree.cells[tree.start[leaves]]]
@@ -135,7 +138,7 @@ def _roll_out(trials: Graph, cuts: Int, run: Run, h_star: float) -> tuple[Int, F
 
 
 def _first_least(parts: Int, length: Float) -> Int:
-    """Return the row with the fewest parts in each column, then the shortest interface, then the first."""
+    """Return for each column the row with the fewest parts, among these the shortest interface."""
     fewest = parts == parts.min(axis=0)
     shortest = np.where(fewest, length, np.inf)
     return frozen_int(np.argmax(shortest <= shortest.min(axis=0) * (1 + 1e-9), axis=0))

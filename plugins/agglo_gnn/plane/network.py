@@ -1,4 +1,4 @@
-"""The fast network in torch, for training."""
+"""The 2-D network in torch, for training."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def initial_parameters(seed: int) -> dict[str, Float]:
-    """Return random weights (He) with constant output (1, 0): inertial bisection."""
+    """Return random initial weights (He) for which the network cuts across the principal axis."""
     rng = np.random.default_rng([seed, 1])
     values = {}
     for name, shape in SHAPES.items():
@@ -33,7 +33,7 @@ def network(
     owner: torch.Tensor,
     blocks: torch.Tensor,
 ) -> torch.Tensor:
-    """Return the coefficients (c₁, c₂) of each block ``(B, 2)``.
+    """Evaluate the network on a batch: coefficients (c₁, c₂) of each block's cut function ``(B, 2)``.
 
     SAGE 4 → 16 → 16 (ReLU, mean), pooling by area, MLP to 48, 48, 2. ``near`` numbers all bins in the
     batch, −1 for none; ``owner (N,)`` is the block of each bin.

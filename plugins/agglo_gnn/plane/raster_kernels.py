@@ -1,4 +1,4 @@
-"""Feature kernels for the fast model: frame, moments and cell raster of a piece."""
+"""Compiled inputs of the 2-D network: principal frame, moments and cell raster of a piece."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _TIE = 1e-6  # bin widths: closer values count as inside
 
 @helper(reorder_sums=True)
 def _moments(n, u, v, shares, moments):
-    """Write moments with order 2, 3 and 4 to ``moments``: (20 11 02), (30 21 12 03), (40 31 22 13 04).
+    """Compute the moments with orders 2, 3 and 4: (20 11 02), (30 21 12 03), (40 31 22 13 04).
 
     The first index refers to u.
     """
@@ -43,7 +43,7 @@ def _moments(n, u, v, shares, moments):
 
 @helper
 def to_frame(n, local, shares, inertia, uv, features):
-    """Write coordinates and features of a piece in its frame, and return the frame rows.
+    """Write coordinates and moments of a piece in its principal frame, and return the frame's rows.
 
     The frame consists of principal axes, the longer first, each pointing to its heavier tail, scaled so
     that a square becomes [−1, 1]². ``uv (2, m)`` receives the coordinates, ``features (13,)`` the moments
@@ -80,7 +80,7 @@ def to_frame(n, local, shares, inertia, uv, features):
 
 @helper
 def _bin_of(value, rate, half):
-    """Return the bin number of a value, ``half`` at 0, symmetric about it."""
+    """Return the bin index of a value, with ``half`` for 0 and symmetric bins about it."""
     steps = int(abs(value) * rate + 0.5 - _TIE)
     return half + (steps if value > 0.0 else -steps)
 
@@ -156,7 +156,7 @@ class Raster(NamedTuple):
 
 @helper(allocates=True)
 def new_raster(largest):
-    """Return a raster for one piece at a time."""
+    """Allocate the raster for one piece at a time."""
     bins = min(_MOST_BINS, largest)
     return Raster(
         np.empty((_MOST_BINS, 3)),
@@ -170,7 +170,7 @@ def new_raster(largest):
 
 @kernel
 def describe(offsets, centroids, weights, measures):
-    """Compute the features of each block in a 2-D graph.
+    """Compute the network inputs for each block in a 2-D graph.
 
     Returns the offsets of the raster bins ``(B + 1,)``, their features ``(N, 4)``, neighbours ``(N, 4)``
     (numbered within the block, −1 for none) and shares ``(N,)``, the block features ``(B, 13)``, and the

@@ -1,4 +1,4 @@
-"""Train the fast model: a minute on one core, from a seed and no files."""
+"""Training of the 2-D network, a minute on one core, on meshes generated from a seed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def train_fast(
     validation: int = 18_000,
     progress: Progress | None = None,
 ) -> tuple[dict[str, Float], dict[str, float]]:
-    """Train from ``seed`` on one thread, reproducibly on each machine.
+    """Train the 2-D network from ``seed`` on one thread, reproducibly on each computer.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def _pieces(rng: np.random.Generator, count: int) -> Pieces:
 
 
 def _loss(values: dict[str, torch.Tensor], data: Pieces, piece_ids: Int, sharpness: float) -> torch.Tensor:
-    """Return the mean over the pieces of the expected cut cost.
+    """Return the expected cost of random cuts with the predicted probabilities, averaged over pieces.
 
     The cost is cut · √A (1/A₁ + 1/A₂) − max(15, 4 √n) B/T + 6 ((A₁ − A₂)/A)². The probability is
     p = sigmoid(T (z − mean) / std) with T = clip(t √n, 2, 20): standardised per piece, the logits cannot

@@ -1,4 +1,4 @@
-"""Compare the cuts of a trained fast model with 2-means and with sweeps without a network."""
+"""Comparison of the trained 2-D network's cuts with 2-means and with cuts without a network."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LARGE = 32  # minimum cells of the pieces with means of their own, the metrics 
 
 
 def validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], count: int) -> dict[str, float]:
-    """Return cut costs over the costs of 2-means, on separate pieces.
+    """Return ratios of cut costs to the costs of 2-means, on pieces not used in training.
 
     The values are mean ratios, over all pieces and over pieces with 32 cells or more. ``of_means`` is the
     ratio of the mean costs instead, which gives more weight to pieces that are hard to cut.
@@ -35,7 +35,7 @@ def validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], coun
 
 
 def _scores(level: Graph, parameters: Mapping[str, Float]) -> Float:
-    """Return the logits of the torch network on every node."""
+    """Return the cut function c₁ u + c₂ v of the torch network at every node."""
     import torch
 
     batch = batch_of(gather([level]), np.arange(level.n_blocks))

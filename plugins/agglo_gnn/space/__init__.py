@@ -1,1 +1,1 @@
-"""The small 3-D network: data, training, kernels."""
+"""The small 3-D network of the bisector ``gnn``: training data, training and compiled evaluation."""

@@ -1,4 +1,4 @@
-"""Kernels of the 3-D model: an axis and its tilt from moments, and the sweep in that direction."""
+"""Compiled evaluation of the 3-D network, which scores and tilts principal axes, and search for the cut."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _FEW = 40  # cells below which all axes are tried: their sweeps are cheap (bench
 
 
 class Answers(NamedTuple):
-    """Network layers and results: axis scores ``(3,)`` and directions ``(3, 3)``."""
+    """Layers and outputs of the network: scores ``(3,)`` and tilted directions ``(3, 3)`` of the axes."""
 
     hidden: Any
     out: Any
@@ -45,7 +45,7 @@ class Answers(NamedTuple):
 
 
 class SpaceWork(NamedTuple):
-    """Workspace for a piece in 3-D, and the network parameters."""
+    """Workspace to bisect pieces in 3-D, and the network parameters."""
 
     points: Any
     heights: Any
@@ -58,7 +58,7 @@ class SpaceWork(NamedTuple):
 
 @helper
 def _point(n, net, workspace, layer, outputs, scores, axes):
-    """Evaluate the network: ``scores (3,)`` of the axes, and the direction for each, ``axes``.
+    """Evaluate the network: scores ``(3,)`` of the principal axes, and their tilted directions ``axes``.
 
     The direction of axis i is the axis plus multiples of the two others, its tilts. ``layer`` and ``outputs``
     receive the layers, ``workspace`` comes from ``moment_room`` with the frame and the moments of the piece.
@@ -88,7 +88,7 @@ def _point(n, net, workspace, layer, outputs, scores, axes):
 
 @kernel
 def directions(n, local, shares, inertia, net):
-    """Evaluate the network on a piece with n cells: axis scores ``(3,)`` and directions ``(3, 3)``."""
+    """Return the network's scores ``(3,)`` and tilted directions ``(3, 3)`` of the axes of n cells."""
     workspace, scores, axes = moment_room(), np.empty(3), np.empty((3, 3))
     frame_by_moments(n, local, shares, inertia, workspace)
     _point(n, net, workspace, np.empty(len(net[1])), np.empty(len(net[3])), scores, axes)
@@ -97,7 +97,7 @@ def directions(n, local, shares, inertia, net):
 
 @helper(reorder_sums=True)
 def _project(n, axis, x, y, z, shares, score):
-    """Write the heights along an axis to ``score``, and return their standard deviation."""
+    """Write the coordinates of all cells along an axis to ``score``, and return their standard deviation."""
     square, a, b, c = 0.0, axis[0], axis[1], axis[2]
     for i in range(n):
         score[i] = a * x[i] + b * y[i] + c * z[i]
@@ -107,7 +107,7 @@ def _project(n, axis, x, y, z, shares, score):
 
 @helper(reorder_sums=True)
 def _band_bins(n, score, low, rate, local, shares, bins):
-    """Write the height bins, and return share and first moments below the band.
+    """Write the bin of each coordinate, and return share and first moments of the cells below all bins.
 
     Bins are −1 below the band and 32 above.
     """
@@ -125,7 +125,7 @@ def _band_bins(n, score, low, rate, local, shares, bins):
 
 @helper
 def _band_sweep(graph, pieces, lo, hi, work, std):
-    """Find the cheapest threshold of the heights near their mean.
+    """Find the cheapest cut by a threshold of the coordinates in a band about their mean.
 
     Only edges in the band count. ``std`` is the standard deviation of the heights. Returns the cost, the
     last bin below, the lowest threshold and the number of thresholds per unit.
@@ -165,7 +165,10 @@ def _band_sweep(graph, pieces, lo, hi, work, std):
 
 @helper
 def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
-    """Tag both sides of a loaded piece: the ``cut`` of ``piece_driver.split_pieces_by``."""
+    """Bisect the loaded piece, and tag the cells with their sides.
+
+    This is the ``cut`` of ``piece_driver.split_pieces_by``.
+    """
     (local, shares, scales), (layer, outputs, scores, axes), score = work.points, work.answers, work.heights
     n, axis, best = hi - lo, sides.normal, (NO_CUT, 0, 0.0, 0.0)
     number_cells(pieces, lo, hi)
@@ -200,7 +203,7 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
 
 @helper(allocates=True)
 def _new_work(m, net):
-    """Return the workspace for pieces with up to ``m`` cells, with the network."""
+    """Allocate the workspace for pieces with up to ``m`` cells."""
     _, bias1, _, bias2 = net
     answers = Answers(np.empty(len(bias1)), np.empty(len(bias2)), np.empty(3), np.empty((3, 3)))
     points, heights, bins = piece_frames.new_points(m), np.zeros(m), np.empty(m, np.int32)
@@ -209,7 +212,7 @@ def _new_work(m, net):
 
 @kernel
 def bisect_solids(offsets, indptr, indices, interface, centroids, weights, measures, net):
-    """Return the side of each node in a 3-D graph, block by block, along the network's directions."""
+    """Bisect each block of a 3-D graph in the best of the network's directions."""
     n, largest = len(weights), np.int64(0)
     for b in range(len(offsets) - 1):
         largest = max(largest, offsets[b + 1] - offsets[b])
@@ -235,6 +238,6 @@ def bisect_solids(offsets, indptr, indices, interface, centroids, weights, measu
 
 @kernel
 def split_solids(net, graph, shape, pieces, lists, limits, budget):
-    """Split pieces by the network: see ``piece_driver.split_pieces_by``."""
+    """Split pieces recursively by the network: see ``piece_driver.split_pieces_by``."""
     work, load = _new_work(piece_driver.largest_piece(lists), net), piece_frames.load_piece
     piece_driver.split_pieces(load, _cut, work, graph, shape, pieces, lists, limits, budget)

@@ -1,4 +1,4 @@
-"""Feature kernels in 3-D: moments, frame and axis features of a piece."""
+"""Compiled inputs of the 3-D network: principal axes, moments and features of a piece."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SECOND, _THIRD, _FOURTH, _END = 9, 18, 45, 126  # start of each order's moments
 
 @helper(allocates=True)
 def moment_room():
-    """Allocate the workspace for frame, moments, features and sums.
+    """Allocate the workspace for principal axes, moments and features.
 
     It consists of frame and moments ``(126,)``, ``(3, 3)`` twice, even and odd features, and sums
     ``(125,)``. Frame and moments are full tensors, one after the other: 3², then 3², 3³ and 3⁴ numbers with
@@ -28,7 +28,7 @@ def moment_room():
 
 @helper(reorder_sums=True)
 def _low_moments(n, x, y, z, w, M):
-    """Write moments with order 2 and 3 to ``M (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
+    """Compute the moments of order 2 and 3: that of x^a y^b z^c is ``M[25 a + 5 b + c]``."""
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     xxx, xxy, xxz, xyy, xyz, xzz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     yyy, yyz, yzz, zzz = 0.0, 0.0, 0.0, 0.0
@@ -57,7 +57,7 @@ def _low_moments(n, x, y, z, w, M):
 
 @helper(reorder_sums=True)
 def _fourth_moments(n, x, y, z, w, M):
-    """Write moments with order 4 to ``M (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
+    """Compute the moments of order 4: that of x^a y^b z^c is ``M[25 a + 5 b + c]``."""
     m400, m310, m301, m220, m211, m202, m130, m121 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     m112, m103, m040, m031, m022, m013, m004 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
@@ -85,7 +85,7 @@ def _fourth_moments(n, x, y, z, w, M):
 
 @helper
 def _fill_tensors(sums, inertia, t):
-    """Write the moments as full tensors in the identity frame, with lengths scaled to inertia 3."""
+    """Expand the moments to full symmetric tensors, with lengths scaled to inertia 3."""
     scale = 1.0 / np.sqrt(inertia / 3.0)
     scale2 = scale * scale
     for i in range(3):
@@ -103,7 +103,7 @@ def _fill_tensors(sums, inertia, t):
 
 @helper
 def _turn_index(t, start, end, stride, turn):
-    """Rotate one index of the tensor ``t[start:end]``, whose entries are ``stride`` apart along it."""
+    """Apply a rotation to one index of the tensor ``t[start:end]`` with stride ``stride``."""
     for outer in range(start, end, 3 * stride):
         for at in range(outer, outer + stride):
             x, y, z = t[at], t[at + stride], t[at + 2 * stride]
@@ -113,7 +113,7 @@ def _turn_index(t, start, end, stride, turn):
 
 @helper
 def _turn_all(t, turn):
-    """Rotate the frame, and all moments with it."""
+    """Rotate the axes, and all moment tensors with them."""
     # The frame is rotated by rows only; moments are rotated in all indices, with strides 1, 3, 9, 27.
     _turn_index(t, 0, _SECOND, 3, turn)
     stride = 1
@@ -128,7 +128,10 @@ def _turn_all(t, turn):
 
 @helper
 def _turn_to_least_fourth(t, turn):
-    """Rotate axes with nearly equal second moments to minimal fourth moments: along the sides of a cube."""
+    """Rotate axes with nearly equal second moments so that their fourth moments are minimal.
+
+    For a cube these axes are parallel to its sides.
+    """
     for _ in range(_TURNS):
         largest = 0.0
         for i in range(2):
@@ -158,7 +161,7 @@ def _turn_to_least_fourth(t, turn):
 
 @helper
 def frame_by_moments(n, local, shares, inertia, workspace):
-    """Compute the principal axes of a piece, as rows, and its moments along them, in ``workspace``.
+    """Compute the principal axes of a piece, as rows, and moments along them, in ``workspace``.
 
     Axes with nearly equal second moments are rotated to minimal fourth moments. Order and signs of the axes
     are arbitrary. Cells are read twice; after that only tensors are rotated.
@@ -180,7 +183,7 @@ def frame_by_moments(n, local, shares, inertia, workspace):
 
 @helper
 def fill_features(n, t, i, j, k, even, odd):
-    """Write the features of axis i and of its tilt towards axis j, where k is the third axis.
+    """Write the network inputs for axis i and its tilt towards axis j, where k is the third axis.
 
     Moments and products of moments: ``even`` features do not change when an axis is reversed, ``odd``
     features change sign with i and with j. 3 / ∛n is the size in cells.
@@ -204,7 +207,7 @@ def fill_features(n, t, i, j, k, even, odd):
 
 @kernel
 def describe_solids(offsets, centroids, weights, measures):
-    """Compute the features of each block in a 3-D graph.
+    """Compute the network inputs for each block in a 3-D graph.
 
     Returns even ``(B, 6, 16)`` and odd features ``(B, 6, 10)`` for axes (0, 1, 2), (0, 2, 1), (1, 2, 0),
     (1, 0, 2), (2, 0, 1) and (2, 1, 0); the frames ``(B, 3, 3)``, the moments along them ``(B, 117)``,

@@ -1,4 +1,4 @@
-"""The 3-D network: its parameters, its inputs, and its forward pass in torch, for training."""
+"""The 3-D network: parameters, inputs, and evaluation in torch for training."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SPATIAL_FEATURES = (
 
 
 def initial_spatial(seed: int) -> dict[str, Float]:
-    """Return random weights (He) with output 0 for any input: inertial bisection."""
+    """Return random initial weights (He) with output 0, so that cuts are across the longest axis."""
     rng = np.random.default_rng([seed, 1])
     values: dict[str, Float] = {name: np.zeros(shape) for name, shape in SPATIAL_SHAPES.items()}
     values["dense1.weight"] = np.sqrt(2.0 / 16) * rng.standard_normal((16, 24))
@@ -37,7 +37,7 @@ def initial_spatial(seed: int) -> dict[str, Float]:
 def spatial_network(
     parameters: Mapping[str, torch.Tensor], even: torch.Tensor, odd: torch.Tensor, frames: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the axis scores ``(B, 3)`` and directions ``(B, 3, 3)`` of each piece.
+    """Return scores ``(B, 3)`` and tilted directions ``(B, 3, 3)`` of the principal axes of each piece.
 
     ``even (B, 6, 16)``, ``odd (B, 6, 10)`` and ``frames (B, 3, 3)`` come from ``describe_solids``. One
     network serves every pair of axes, so that axis order and signs have no influence.

@@ -1,4 +1,4 @@
-"""Training data for the 3-D model: recursion pieces, from meshes generated on the fly."""
+"""Training data of the 3-D network: pieces that arise in recursive bisections of generated meshes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MOST = 2500  # cells of the largest pieces, about: larger pieces take more trai
 
 
 def solid_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
-    """Yield graphs whose blocks are pieces, at least ``count`` blocks in total."""
+    """Yield graphs whose blocks are pieces of recursive bisections, at least ``count`` blocks in total."""
     n_pieces = 0
     while n_pieces < count:
         graph = _domain(rng)
@@ -47,7 +47,7 @@ def solid_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
 
 
 def _domain(rng: np.random.Generator) -> Graph:
-    """Return the largest connected component of a mesh, possibly stretched or cut to a blob."""
+    """Return the largest component of a random mesh, possibly stretched or restricted to a random domain."""
     n = int(np.exp(rng.uniform(np.log(150), np.log(_MOST))))
     blob = rng.random() < 0.5
     mesh = _mesh(rng, int(2.0 * n) if blob else n)
@@ -76,7 +76,7 @@ def _mesh(rng: np.random.Generator, n: int) -> Mesh:
 
 
 def _blob(rng: np.random.Generator, centroids: Float) -> Mask:
-    """Return a mask of cells inside a random star without some balls and slits.
+    """Return a mask of the cells in a random star-shaped domain without some balls and slits.
 
     The star is r(u) = 1 + waves along random axes.
     """
@@ -97,7 +97,7 @@ def _blob(rng: np.random.Generator, centroids: Float) -> Mask:
 
 @dataclass(frozen=True)
 class SpatialPieces:
-    """Pieces in flat arrays: piece p owns rows ``cell_offsets[p]:cell_offsets[p + 1]`` of its cells."""
+    """Many pieces in flat arrays: ``cell_offsets[p]:cell_offsets[p + 1]`` are the cells of piece p."""
 
     cell_offsets: Int
     edge_offsets: Int
@@ -115,7 +115,7 @@ class SpatialPieces:
 
 
 def gather_solids(levels: list[Graph]) -> SpatialPieces:
-    """Join all blocks in flat arrays, with face areas relative to typical sections."""
+    """Collect the features of all blocks in flat arrays, with face areas relative to a typical section."""
     return SpatialPieces(**join_arrays([_arrays_of(level) for level in levels]))
 
 
@@ -142,7 +142,7 @@ def _arrays_of(level: Graph) -> dict[str, Any]:
 
 
 def tensors_of(data: SpatialPieces, chosen: Int) -> dict[str, torch.Tensor]:
-    """Return the chosen pieces as one batch."""
+    """Return the chosen pieces as one batch of tensors."""
     import torch
 
     cells, cell_owner, cell_first = rows_of(data.cell_offsets, chosen)

@@ -1,4 +1,4 @@
-"""Train the 3-D model: a few minutes on one core, from a seed and no files."""
+"""Training of the 3-D network, a few minutes on one core, on meshes generated from a seed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def train_solids(
     validation: int = 4000,
     progress: Progress | None = None,
 ) -> tuple[dict[str, Float], dict[str, float]]:
-    """Train from ``seed`` on one thread, reproducibly on each machine.
+    """Train the 3-D network from ``seed`` on one thread, reproducibly on each computer.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def _pieces(rng: np.random.Generator, count: int) -> SpatialPieces:
 def _loss(
     values: dict[str, torch.Tensor], data: SpatialPieces, piece_ids: Int, sharpness: float
 ) -> torch.Tensor:
-    """Return the mean over the pieces of the expected cut cost.
+    """Return the expected cost of random cuts with the predicted probabilities, averaged over pieces.
 
     The cost is cut · ∛A (1/A₁ + 1/A₂) − max(15, 4 √n) B/T + 6 ((A₁ − A₂)/A)². For each piece it is averaged
     over its three directions, weighted by the softmax of their scores. Along each direction, p = sigmoid(T
@@ -100,7 +100,7 @@ def _loss(
 
 
 def _validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], count: int) -> dict[str, float]:
-    """Return cut costs over the costs of 2-means, on separate pieces."""
+    """Return ratios of cut costs to the costs of 2-means, on pieces not used in training."""
     rivals = {
         "ratio": FastGNN(parameters).bisect_level,
         "initial": FastGNN(initial).bisect_level,

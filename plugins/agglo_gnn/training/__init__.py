@@ -1,1 +1,1 @@
-"""The training command, and the common parts of all trainings."""
+"""The command ``agglo train``, and code common to the trainings of all networks."""

@@ -1,4 +1,4 @@
-"""Implement ``agglo train``: train a built-in or user-defined network into a model file."""
+"""The command ``agglo train``, which trains a built-in or user-defined network and writes its model file."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def _check_torch() -> None:
 
 
 def _check_files(target: Path, checkpoint: Path | None, log: Path | None, resume: bool) -> None:
-    """Raise errors before the training that would otherwise occur after it."""
+    """Raise errors about file names before the training rather than after it."""
     for file in filter(None, (target, checkpoint)):
         if file.suffix != ".safetensors":
             raise FileError(f"{file}: model files end in .safetensors, not {file.suffix!r}")
@@ -112,7 +112,7 @@ def _check_files(target: Path, checkpoint: Path | None, log: Path | None, resume
 
 
 def _given_options(context: click.Context) -> dict[str, Any]:
-    """Return the options given on the command line, in the order of the help."""
+    """Return the options that were given on the command line, in the order of the help."""
     source = context.get_parameter_source
     return {key: context.params[key] for key in _names() if source(key) is ParameterSource.COMMANDLINE}
 
@@ -127,7 +127,7 @@ def _refuse_foreign(context: click.Context, foreign: tuple[str, ...], preset: st
 
 
 def _command(context: click.Context) -> str:
-    """Return the command as typed."""
+    """Return the command line that repeats this training."""
     words = [
         f"--{key}" if value is True else f"--{key} {shlex.quote(str(value))}"
         for key, value in _given_options(context).items()
@@ -157,7 +157,7 @@ def _train_fast(
 
 
 def _parts_of(preset: str) -> tuple[Any, tuple[str, ...], str]:
-    """Return the training function, the feature names and the origin of the pieces."""
+    """Return training function, feature names and a description of the training pieces for a preset."""
     if preset == "fast3d":
         from agglo_gnn.space.network import SPATIAL_FEATURES
         from agglo_gnn.space.pieces import SPATIAL_RECIPE

@@ -1,4 +1,4 @@
-"""Compare bisector cut costs with 2-means."""
+"""Comparison of the cut costs of bisectors with those of 2-means clustering."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ Rival = Callable[[Graph, UInt64], Int]
 
 
 class CutCosts(NamedTuple):
-    """Cut costs on common pieces for each rival and for 2-means, with the piece sizes."""
+    """Cut costs of several bisectors and of 2-means on the same pieces, and the piece sizes."""
 
     of: dict[str, Float]
     base: Float
     sizes: Int
 
     def mean_ratios(self, large: int) -> dict[str, float]:
-        """Return the mean cost ratios to 2-means, and with ``_<large>`` the means over large pieces.
+        """Return the mean cost ratio to 2-means of each bisector, and the same for large pieces alone.
+
+        The keys of the latter end in ``_<large>``.
 
         Large pieces have at least ``large`` cells.
         """
@@ -33,7 +35,7 @@ class CutCosts(NamedTuple):
 
 
 def measure_costs(levels: Iterable[Graph], rivals: Mapping[str, Rival]) -> CutCosts:
-    """Cut every block of some graphs by all rivals and by 2-means."""
+    """Compute the cut cost of every block of some graphs for several bisectors and for 2-means."""
     two_means: Rival = default().build("bisector", "kmeans").bisect_level
     costs: dict[str, list[Float]] = {key: [] for key in rivals}
     base, sizes = list[Float](), list[Int]()
@@ -48,7 +50,7 @@ def measure_costs(levels: Iterable[Graph], rivals: Mapping[str, Rival]) -> CutCo
 
 
 def cut_costs(level: Graph, sides: Int) -> Float:
-    """Return the cut cost of each block.
+    """Return the cost of each block's cut: scaled interface plus inertia of both sides.
 
     It is cut · √A (1/A₁ + 1/A₂) + 15 (1 − B/T), in 3-D with ∛A.
     """

@@ -1,4 +1,4 @@
-"""Flat arrays for pieces: join several graphs, and select pieces by offsets."""
+"""Flat arrays with the data of many mesh pieces: joining, and selection of pieces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from agglo_core.authoring import Int
 
 
 def join_arrays(levels: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Join the arrays of several graphs by name.
+    """Concatenate the arrays of equal name of several graphs.
 
     Arrays named ``*_offsets`` contain counts and become offsets.
 
@@ -29,7 +29,7 @@ def join_arrays(levels: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def rows_of(offsets: Int, chosen: Int) -> tuple[Int, Int, Int]:
-    """Return the rows of the chosen pieces, the row owners, and the new piece starts."""
+    """Return the row indices of the chosen pieces, the piece of each row, and the new offsets."""
     sizes = np.diff(offsets)[chosen]
     first = np.cumsum(sizes) - sizes
     owner = np.repeat(np.arange(len(chosen)), sizes)

@@ -1,4 +1,4 @@
-"""Train a small network on mesh pieces: a common loop for 2-D and 3-D."""
+"""Training of a small network on mesh pieces, common to 2-D and 3-D."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Progress = Callable[[int, float, float], None]
 
 
 class PieceTask(NamedTuple):
-    """A network and its training pieces.
+    """Definition of a training: initial parameters, training pieces, loss and validation of a network.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class PieceTask(NamedTuple):
 def train_on_pieces(
     task: PieceTask, seed: int, steps: int, pieces: int, validation: int, progress: Progress | None
 ) -> tuple[dict[str, Float], dict[str, float]]:
-    """Train from ``seed`` on one thread, reproducibly on each machine.
+    """Train a network from ``seed`` on one thread, reproducibly on each computer.
 
     Parameters
     ----------
@@ -107,7 +107,10 @@ def _fit(
     start: float,
     progress: Progress | None,
 ) -> None:
-    """Minimise the loss by Adam, with increasingly sharp sides."""
+    """Minimise the loss by Adam.
+
+    The sides become increasingly sharp from step to step.
+    """
     import torch
 
     optimiser = torch.optim.Adam(values.values(), lr=_RATE)
@@ -132,7 +135,7 @@ def _fit(
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Run torch on one thread within the block: a fixed summation order gives reproducible bits."""
+    """Run torch on one thread within a ``with`` block, so that sums are reproducible to the bit."""
     import torch
 
     before = torch.get_num_threads()

@@ -1,4 +1,4 @@
-"""Training data for the fast model: recursion pieces, from meshes generated on the fly."""
+"""Training data of the 2-D network: pieces that arise in recursive bisections of generated meshes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FEWEST, _MOST = 10, 1200  # cells of the smallest pieces, and about of the large
 
 
 def piece_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
-    """Yield graphs whose blocks are pieces, at least ``count`` blocks in total."""
+    """Yield graphs whose blocks are pieces of recursive bisections, at least ``count`` blocks in total."""
     n_pieces = 0
     while n_pieces < count:
         graph = _domain(rng)
@@ -42,7 +42,7 @@ def piece_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
 
 
 def bisect_pieces(level: Graph, bisector: InertialBisection | SweepBisection, refine: bool) -> Graph:
-    """Return the pieces at the next depth: large enough connected pieces of both sides."""
+    """Bisect all pieces, and return the connected components of the sides that are large enough."""
     seeds: UInt64 = np.zeros(level.n_blocks, np.uint64)
     sides = frozen_int(bisector.bisect_level(level, seeds))
     if refine:
@@ -52,7 +52,7 @@ def bisect_pieces(level: Graph, bisector: InertialBisection | SweepBisection, re
 
 
 def _domain(rng: np.random.Generator) -> Graph:
-    """Return the largest connected component of a mesh, possibly stretched or cut to a blob."""
+    """Return the largest component of a random mesh, possibly stretched or restricted to a random domain."""
     n = int(np.exp(rng.uniform(np.log(80), np.log(_MOST))))
     blob = rng.random() < 0.5
     mesh = _mesh(rng, int(1.6 * n) if blob else n)
@@ -85,7 +85,10 @@ def _mesh(rng: np.random.Generator, n: int) -> Mesh:
 
 
 def _blob(rng: np.random.Generator, centroids: Float) -> Mask:
-    """Return a mask of cells inside a star r(θ) = Fourier series, without some discs and slits."""
+    """Return a mask of the cells in a random star-shaped domain r(θ) without some discs and slits.
+
+    The radius r(θ) is a random Fourier series.
+    """
     x = centroids / np.abs(centroids).max(axis=0)
     radius, angle = np.hypot(*x.T), np.arctan2(x[:, 1], x[:, 0])
     orders = np.arange(1, 8)

@@ -1,4 +1,4 @@
-"""Report training progress: a bar or lines on stderr, and a log file."""
+"""Training progress as a bar or lines on stderr, and in a log file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Report = Callable[[str, float], None]
 
 @contextmanager
 def reporter(title: Sequence[str], log: Path | None, quiet: bool, append: bool = False) -> Iterator[Report]:
-    """Yield a function that shows a line, as a progress bar on a terminal, and logs it.
+    """Context with a function that reports a status line of the training and writes it to the log.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def reporter(title: Sequence[str], log: Path | None, quiet: bool, append: bool =
 
 
 def _write(log: Path, mode: str, lines: Iterable[str]) -> None:
-    """Append lines to the log, which is complete after each call."""
+    """Append lines to the log file, which is closed after each call."""
     try:
         with log.open(mode, encoding="utf-8") as file:
             file.writelines(f"{line}\n" for line in lines)
