@@ -1,4 +1,4 @@
-"""Check the paper's claims against the fresh meshes and the timings."""
+"""Verdicts on the paper's claims, from results on newly generated meshes and from timings."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ _MEASURES: Final = (
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim, its verdict, and the evidence."""
+    """A claim of the paper, its verdict, and a table with the evidence."""
 
     text: str
     verdict: str
     evidence: Table
 
     def markdown(self) -> str:
-        """Return heading, verdict and evidence as Markdown."""
+        """Return the claim in Markdown: heading, verdict and evidence."""
         title, rest = self.evidence.markdown().split("\n\n", 1)
         return f"{title}\n\n**{self.verdict}**\n\n{rest}"
 
 
 def claims(plan: Plan, results: Results) -> Iterator[Claim]:
-    """Yield the paper's claims, in order."""
+    """Yield the claims in the paper's order, each with its verdict and evidence."""
     for name, text in _MEASURES:
         for rival, setting in (
             (plan.printed[0], "METIS as the paper runs it, by count"),
@@ -60,12 +60,12 @@ def _claim(text: str, verdict: str, rows: Sequence[Row], notes: Sequence[str] = 
 
 
 def _learned_strategies(plan: Plan) -> list[Strategy]:
-    """Return the paper's two learned strategies, and `gnn`."""
+    """Return the available learned methods: the paper's k-means and network, and `gnn`."""
     return [each for each in plan.compared[1:] if not each.problem]
 
 
 def _judged_strategies(plan: Plan) -> list[Strategy]:
-    """Return METIS as the paper runs it, and the learned strategies."""
+    """Return METIS as the paper runs it and the learned methods, as far as available."""
     return [each for each in plan.compared if not each.problem]
 
 
@@ -134,7 +134,10 @@ def _gradients_claim(plan: Plan, results: Results) -> Claim:
 
 
 def _against_gradients(families: Sequence[str], learned: Sequence[float], metis: Sequence[float]) -> str:
-    """Return the verdict on CG, from the mesh fractions per family on which each side beats CG."""
+    """Return the verdict on the claim that multigrid with one smoothing step beats CG.
+
+    It depends on the fraction of meshes per family on which learned methods and METIS do.
+    """
     won = [family for family, share in zip(families, learned, strict=True) if share > 0.5]
     also = [family for family, share in zip(families, metis, strict=True) if share > 0.5]
     word = "Confirmed" if len(won) == len(families) and not also else "In part"
@@ -151,7 +154,7 @@ def _against_gradients(families: Sequence[str], learned: Sequence[float], metis:
 def _fraction_below_cg(
     plan: Plan, results: Results, strategy: Strategy, family: str, tolerance: str
 ) -> float:
-    """Return the fresh mesh fraction on which multigrid with m = 1 takes fewer iterations than CG."""
+    """Return the fraction of a family's meshes where multigrid with m = 1 needs fewer iterations than CG."""
     multigrid_counts = fresh_values(plan, results, strategy, family, "m1")
     cg_counts = fresh_values(plan, results, Strategy("CG", ""), family, tolerance)
     valid = ~np.isnan(multigrid_counts + cg_counts)
@@ -171,7 +174,7 @@ def _speed_claim(plan: Plan, results: Results) -> Claim:
 
 
 def _speed_verdict(times: Mapping[str, float]) -> Iterator[str]:
-    """Yield sentences on each method's CPU time for one bisection."""
+    """Yield sentences that compare the CPU times of all methods for one bisection."""
     network, gnn = times.get("GNN, forward"), times.get("gnn")
     raw, wrapped = times.get("METIS, raw"), times.get("METIS through networkx")
     faster = [name for name in times if network is not None and times[name] < network]

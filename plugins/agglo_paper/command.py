@@ -1,4 +1,4 @@
-"""Implement ``agglo paper``: the paper's tables and figures beside agglo's."""
+"""The command ``agglo paper``, which writes the paper's tables and figures beside agglo's."""
 
 from __future__ import annotations
 

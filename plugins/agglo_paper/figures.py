@@ -1,4 +1,4 @@
-"""Draw the paper's figures as SVG: agglomerated grids, box plots, the brain, runtimes."""
+"""The paper's figures as SVG: agglomerated grids, box plots, the brain mesh, and run times."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ _ALSO = ("gnn", "kmeans", "spectral", "metis k-way")
 
 
 def _shown_strategies(plan: Plan) -> list[Strategy]:
-    """Return the paper's columns and a few of agglo's."""
+    """Return the methods shown in figures: the paper's and a few of agglo's."""
     return [each for each in plan.usable if each in plan.printed or each.name in _ALSO]
 
 
 def draw_grids(plan: Plan, sources: Sequence[str], convention: str, path: Path) -> None:
-    """Draw each mesh in its own row: unchanged, then agglomerated by the paper's and some other columns."""
+    """Draw each mesh in its own row: unchanged, then agglomerated by each of the shown methods."""
     # 1. Panel layout: a row per mesh, or two rows for a single mesh
     strategies = _shown_strategies(plan)
     n_columns = len(strategies) + 1 if len(sources) > 1 else (len(strategies) + 2) // 2
@@ -89,7 +89,7 @@ def _panel(axis: Any, mesh: Mesh, hierarchy: Hierarchy | None, title: str) -> No
 
 
 def _fill(axis: Any, mesh: Mesh, palette: Sequence[str], rasterized: bool) -> None:
-    """Fill the cells with one path per colour."""
+    """Fill the cells of a mesh with colours, as one path per colour."""
     loops = mesh.boundary_loops
     colours = colouring(mesh, len(palette)) if len(palette) > 1 else np.zeros(mesh.n_cells, np.int64)
     owner = np.repeat(colours, np.diff(loops.cell_offsets))
@@ -119,7 +119,7 @@ def _path(axis: Any, lines: Iterable[Float], rasterized: bool, **style: Any) -> 
 
 
 def draw_boxes(plan: Plan, results: Results, sources: Mapping[str, str], convention: str, path: Path) -> None:
-    """Draw box plots of UF (above) and CRc (below), one panel per source (name to source)."""
+    """Draw box plots of UF (above) and CRc (below) over the agglomerates, one column per mesh."""
     strategies = _shown_strategies(plan)
     with picture((0.4 * len(strategies) * len(sources) + 1.5, 5.0), path) as figure:
         panels = figure.subplots(2, len(sources), squeeze=False, sharey=True)
@@ -133,7 +133,7 @@ def draw_boxes(plan: Plan, results: Results, sources: Mapping[str, str], convent
 def _values(
     plan: Plan, results: Results, strategy: Strategy, source: str, convention: str, metric: str
 ) -> list[float]:
-    """Return the values for all agglomerates in the first repetition."""
+    """Return the values of a metric for all agglomerates of the first repetition."""
     first = repeats(plan, strategy)[0]
     values: list[float] = results[unit(source, convention, strategy, first).key].get(metric, [])
     return values
@@ -157,7 +157,7 @@ def _boxes(axis: Any, values: Mapping[str, Sequence[float]]) -> None:
 
 
 def draw_runtime(plan: Plan, results: Results, path: Path) -> None:
-    """Draw CPU milliseconds by cell count, in log scales: one bisection, full recursion."""
+    """Plot CPU milliseconds over the number of cells, in log scales: one bisection, full recursion."""
     curves_by_kind = {kind: curves(plan, results, kind) for kind in KINDS}
     names = dict.fromkeys(name for lines in curves_by_kind.values() for name in lines if "whole" not in name)
     styles = {name: (f"C{k % 10}", ("-", "--")[k // 10 % 2]) for k, name in enumerate(names)}
@@ -171,7 +171,7 @@ def draw_runtime(plan: Plan, results: Results, path: Path) -> None:
 
 
 def _curve(axis: Any, name: str, line: Sequence[tuple[int, Cell]], colour: str, style: str) -> None:
-    """Plot the median time by cell count, over the band of all times."""
+    """Plot a method's median time over the number of cells, with a band from least to largest time."""
     at = [cells for cells, _ in line]
     median, low, high = ([getattr(c, what) or np.nan for _, c in line] for what in ("ours", "low", "high"))
     axis.plot(at, median, label=name, linewidth=1.1, color=colour, linestyle=style)
@@ -180,7 +180,7 @@ def _curve(axis: Any, name: str, line: Sequence[tuple[int, Cell]], colour: str, 
 
 @contextmanager
 def picture(size: tuple[float, float], path: Path) -> Iterator[Any]:
-    """Yield a figure, written to ``path`` at the end of the block, reproducibly to the byte."""
+    """Context with an empty figure, written to ``path`` as SVG at its end, reproducibly to the byte."""
     try:
         from matplotlib import rc_context
         from matplotlib.backends.backend_agg import FigureCanvasAgg

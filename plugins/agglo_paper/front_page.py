@@ -1,4 +1,4 @@
-"""Write the front page: claims, reproduced rows, command and versions."""
+"""The front page of the results: verdicts on claims, numbers of reproduced rows, command and versions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ What is not reproduced to the digit has its reason below its table.
 
 
 def front(plan: Plan, results: Results, pages: Sequence[Page], quick: bool, mesh: Path | None) -> str:
-    """Return the page ``README.md`` in Markdown."""
+    """Return the front page ``README.md`` of the results in Markdown."""
     parts = [_INTRO, _provenance(quick, mesh), "## The claims\n", _claims(plan, results)]
     parts += ["## The tables\n", _summary(pages), *_authors(pages)]
     if problems := plan.problems():
@@ -35,13 +35,13 @@ def front(plan: Plan, results: Results, pages: Sequence[Page], quick: bool, mesh
 
 
 def _provenance(quick: bool, mesh: Path | None) -> str:
-    """Return command line and versions, with only the mesh file name."""
+    """Return the command line and package versions behind the results, without the mesh file's folder."""
     listed = ", ".join(f"{name} {version}" for name, version in versions().items())
     return f"Made by `{command('all', quick, mesh)}` with {listed}.\n"
 
 
 def command(word: str, quick: bool, mesh: Path | None) -> str:
-    """Return the command for a word's pages."""
+    """Return the command line that reproduces a page."""
     words = ["agglo", "paper", word, *(["--quick"] if quick else [])]
     return shlex.join([*words, *(["--mesh", mesh.name] if mesh is not None else [])])
 
@@ -57,7 +57,7 @@ def _claims(plan: Plan, results: Results) -> str:
 
 
 def _summary(pages: Sequence[Page]) -> str:
-    """Count the rows of each page that are reproduced, within band, or neither."""
+    """Return a table with the numbers of reproduced rows, rows within tolerance and other rows, per page."""
     lines = [f"| page | rows | {EXACT} | {NEAR} | {NOT} |", "|---|---|---|---|---|"]
     for page in pages:
         verdicts = [row.verdict for table in page.tables for row in table.rows if row.verdict]
@@ -68,6 +68,9 @@ def _summary(pages: Sequence[Page]) -> str:
 
 
 def _authors(pages: Sequence[Page]) -> list[str]:
-    """Return the table of `gnn` and the authors' files, for the given mesh if there is one."""
+    """Return the table that compares `gnn` with files published by the authors.
+
+    It refers to the user's mesh if one is given.
+    """
     found = [table for page in pages for table in page.tables if table.name.endswith("-authors")]
     return [table.markdown() for table in found[-1:]]

@@ -1,4 +1,4 @@
-"""Contexts for long computations: one thread, no repeated notices, a progress bar."""
+"""Contexts for long computations: one thread, no repeated messages, a progress bar."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _THREADS: Final = ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS")
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Restrict libraries loaded in the block to one thread, for comparable CPU times."""
+    """Context in which newly loaded libraries use one thread, for comparable CPU times."""
     names = [f"{library}_NUM_THREADS" for library in _THREADS]
     before = {name: os.environ.get(name) for name in names}
     os.environ.update(dict.fromkeys(names, "1"))
@@ -34,7 +34,7 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def without_notices() -> Iterator[None]:
-    """Hide notices about single cells larger than h*, which would repeat thousands of times."""
+    """Context without messages about single cells larger than h*, which would repeat thousands of times."""
     log = logging.getLogger("agglo")
     level = log.level
     log.setLevel(logging.ERROR)
@@ -46,7 +46,7 @@ def without_notices() -> Iterator[None]:
 
 @contextmanager
 def progress() -> Iterator[Callable[[Sequence[Unit], str], Callable[[Unit, bool], None]]]:
-    """Yield a function that starts a progress bar on stderr for the units of a page.
+    """Context with a function that starts a progress bar on stderr for the computations of a page.
 
     The function takes units and page name, and returns a function to call after each unit.
     """

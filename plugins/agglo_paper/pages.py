@@ -1,4 +1,4 @@
-"""Build pages from command words: plan the work, compute missing results, write pages and figures."""
+"""Computation and output of the result pages named on the command line."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def build(
     begin: Begin,
     bisectors: Mapping[str, tuple[str, Mapping[str, Any]]] | None = None,
 ) -> tuple[list[Page], str]:
-    """Compute and write the pages and figures for ``words``, and the front page for ``all``.
+    """Compute and write the pages and figures for ``words``, and with ``all`` also the front page.
 
     ``bisectors``, name and options by column heading, replace the installed bisectors.
 
@@ -78,7 +78,7 @@ def build(
 
 
 def _complete_page(page: Page, plan: Plan, results: Results, folder: Path, sources: Sequence[str]) -> Page:
-    """Complete a page with the existing figures and the failure messages."""
+    """Add the existing figures and the messages of failed computations to a page."""
     word = next((w for w in _TABLES if w == page.name), "brain")
     failures: dict[str, str] = {}
     for unit in _units(plan, word, sources):
@@ -96,7 +96,7 @@ def _complete_page(page: Page, plan: Plan, results: Results, folder: Path, sourc
 
 
 def _append_command(page: Page, quickly: bool, mesh: Path | None) -> Page:
-    """Append the command that reproduces the page."""
+    """Append to a page's introduction the command line that reproduces the page."""
     word = page.name if page.name in _TABLES else "brain"
     own = mesh if page.name not in _TABLES else None
     return replace(page, intro=f"{page.intro}\n\nMade by `{command(word, quickly, own)}`.")
@@ -146,7 +146,7 @@ def _pages(plan: Plan, results: Results, word: str, sources: Sequence[str]) -> l
 
 
 def _draw(plan: Plan, results: Results, words: Sequence[str], sources: Sequence[str], folder: Path) -> None:
-    """Draw the figures for the selected pages."""
+    """Draw the figures for the pages ``words``."""
     if "uf" in words:
         grids = {grid: f"paper:{grid}" for grid in GRIDS}
         figures.draw_grids(plan, list(grids.values()), "run", folder / "grids.svg")

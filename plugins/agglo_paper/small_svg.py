@@ -1,4 +1,4 @@
-"""Shrink matplotlib drawings: fewer decimals, shared styles, palette images."""
+"""Compression of SVG drawings by matplotlib: fewer decimals, shared styles, images with few colours."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _OFTEN = 20
 
 
 def compress_svg(svg: str) -> str:
-    """Compress a drawing to within 0.06 points, with images in up to 20 colours.
+    """Compress an SVG drawing, with coordinates to within 0.06 points, and images in up to 20 colours.
 
     A compressed drawing stays unchanged.
     """
@@ -48,7 +48,7 @@ def _hundredths(found: re.Match[str]) -> str:
 
 
 def _steps(match: re.Match[str]) -> str:
-    """Shorten long polylines to relative steps, to a tenth of a point."""
+    """Write long polylines with relative coordinates, rounded to a tenth of a point."""
     words = match[2].split()
     if len(words) < _MANY:
         return match[0]
@@ -77,13 +77,13 @@ def _tenths(count: int) -> str:
 
 
 def _short_names(svg: str) -> str:
-    """Replace hash names by short names, as they appear."""
+    """Replace hash values used as names by short names, numbered by first occurrence."""
     names = {name: f"n{place:x}" for place, name in enumerate(dict.fromkeys(_HASH.findall(svg)))}
     return _HASH.sub(lambda found: names[found[0]], svg)
 
 
 def _few_colours(encoded: str) -> str:
-    """Return a PNG with a palette, if smaller."""
+    """Reduce an image to a palette of 20 colours, if this makes its PNG file smaller."""
     from PIL import Image
 
     before = base64.b64decode(encoded)
@@ -97,7 +97,7 @@ def _few_colours(encoded: str) -> str:
 
 
 def _join_clips(svg: str) -> str:
-    """Join adjacent groups with an equal clip path."""
+    """Join adjacent groups that have the same clip path."""
     lines, last = [], ""
     for piece in re.split(r"(?=<g clip-path)", svg):
         match = _CLIPPED.match(piece)
@@ -110,7 +110,7 @@ def _join_clips(svg: str) -> str:
 
 
 def _share_look(dots: re.Match[str]) -> str:
-    """Move a common style of dots to their group."""
+    """Move the style of markers to their group, if all are equal."""
     looks = set(re.findall(r' class="\w+"', dots[2]))
     if len(looks) != 1 or dots[2].count(" class=") != dots[2].count("<use"):
         return dots[0]
@@ -119,7 +119,7 @@ def _share_look(dots: re.Match[str]) -> str:
 
 
 def _share_styles(svg: str) -> str:
-    """Define frequent styles once, at the beginning."""
+    """Replace frequent style attributes by style classes defined at the beginning."""
     counted = Counter(_STYLE.findall(svg))
     names = {
         style: f"s{place}" for place, (style, often) in enumerate(counted.most_common()) if often >= _OFTEN

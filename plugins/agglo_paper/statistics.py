@@ -1,4 +1,4 @@
-"""Compare methods over many fresh meshes: means, paired differences, sign tests."""
+"""Comparison of methods over many newly generated meshes: means, paired differences, sign tests."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ _INTRO = (
 
 
 def fresh_unit(family: str, number: int, strategy: Strategy, solver: str) -> Unit:
-    """Return the work unit for a strategy on one fresh mesh."""
+    """Return the computation of a method's shapes and iterations on one newly generated mesh."""
     source = f"fresh:{family}:{number}"
     settings = {"source": source, "strategy": strategy.data(), "solve": bool(solver)}
     return Unit(fresh, settings, (strategy.package, solver))
 
 
 def plain_fresh(family: str, number: int, solver: str) -> Unit:
-    """Return the unit for plain conjugate gradients on one fresh mesh, to 1e-6 and 1e-8."""
+    """Return the computation of CG iteration counts to 1e-6 and 1e-8 on one newly generated mesh."""
     settings = {"source": f"fresh:{family}:{number}", "degree": 1, "tolerances": [1e-6, 1e-8]}
     return Unit(plain, settings, (solver,))
 
 
 def units(plan: Plan) -> Iterator[Unit]:
-    """Yield all units on all fresh meshes."""
+    """Yield all computations on newly generated meshes."""
     for family in plan.families:
         for number in range(plan.fresh):
             if plan.solver:
@@ -58,7 +58,7 @@ def units(plan: Plan) -> Iterator[Unit]:
 
 
 def fresh_values(plan: Plan, results: Results, strategy: Strategy, family: str, name: str) -> Float:
-    """Return one number per fresh mesh ``(plan.fresh,)``.
+    """Return one measured quantity on each newly generated mesh of a family ``(plan.fresh,)``.
 
     NaN means no value, ∞ no convergence. ``name`` is a key of :data:`MEASURES`, ``spread`` (of the counts
     over ℓ), or, for the strategy CG, ``1e-6`` or ``1e-8``.
@@ -87,7 +87,7 @@ def _value(data: Data, name: str) -> float | None:
 
 
 class Paired:
-    """Paired comparison between two samples ``(n,)``: mean gain, wins, losses, sign test.
+    """Paired comparison of two samples ``(n,)``: mean difference, wins, losses, sign test.
 
     Parameters
     ----------
@@ -114,13 +114,13 @@ class Paired:
 
     @property
     def outcome(self) -> str:
-        """``better``, ``worse`` or ``no difference``, at the level 0.01."""
+        """Result of the sign test at the level 0.01: ``better``, ``worse`` or ``no difference``."""
         if self.p >= 0.01:
             return "no difference"
         return "better" if self.wins > self.losses else "worse"
 
     def text(self, digits: int) -> str:
-        """Return a text like ``+0.012 ± 0.030, 40:10, p = 2e-05, better``."""
+        """Return the comparison as text like ``+0.012 ± 0.030, 40:10, p = 2e-05, better``."""
         if not self.n:
             return "–"
         deviation = "–" if np.isnan(self.std) else f"{self.std:.{digits}f}"
@@ -131,13 +131,13 @@ class Paired:
 def compare_pairs(
     plan: Plan, results: Results, first: Strategy, second: Strategy, family: str, name: str
 ) -> Paired:
-    """Compare two strategies on a family's fresh meshes."""
+    """Compare a measured quantity of two methods on the newly generated meshes of a family."""
     ours, theirs = (fresh_values(plan, results, each, family, name) for each in (first, second))
     return Paired(ours, theirs, more=name in ("UF", "CR", "CRc"))
 
 
 def page(plan: Plan, results: Results) -> Page:
-    """Return the page ``statistics``."""
+    """Return the result page ``statistics``."""
     tables = [_means(plan, results, name) for name in MEASURES]
     by_count = plan.printed[0]
     for rival in (None if by_count.problem else by_count, same_sizes(plan)):
@@ -147,7 +147,7 @@ def page(plan: Plan, results: Results) -> Page:
 
 
 def same_sizes(plan: Plan) -> Strategy | None:
-    """Return METIS by recursive bisection to equal diameters, in the default pipeline."""
+    """Return METIS by recursive bisection to a largest diameter, as used in agglo, or None if unavailable."""
     mine = [s for s in plan.usable if s.bisector == "metis" and not s.by_count and s.method == "recursive"]
     return mine[0] if mine else None
 

@@ -1,1 +1,1 @@
-"""Tables: their format, the printed numbers, and one module per kind."""
+"""Result tables: their format, the published numbers, and one module per kind of table."""

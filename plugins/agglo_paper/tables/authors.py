@@ -1,4 +1,4 @@
-"""Compare ``gnn`` with agglomerated grids published by the paper's authors."""
+"""Comparison of ``gnn`` with agglomerated meshes published by the paper's authors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _ours(plan: Plan) -> Strategy | None:
 
 
 def _cases(source: str) -> Mapping[str, tuple[str, str, str]]:
-    """Return the rows: key of the authors' numbers, mesh, target convention."""
+    """Return for each table row the key of the authors' numbers, the mesh, and the choice of targets."""
     brain = "brain (our section)" if source == "brain" else "brain (this mesh)"
     return {
         "random": ("random", "paper:random", "run"),
@@ -29,14 +29,14 @@ def _cases(source: str) -> Mapping[str, tuple[str, str, str]]:
 
 
 def authors_units(plan: Plan, source: str) -> Iterator[Unit]:
-    """Yield the work units for the table."""
+    """Yield the computations for the table."""
     ours = _ours(plan)
     if ours is not None:
         yield from (unit(mesh, convention, ours) for _, mesh, convention in _cases(source).values())
 
 
 def authors_table(plan: Plan, results: Results, source: str, name: str) -> Table:
-    """Return K / UF / CR / CRc for the authors' files and for `gnn` in the default pipeline."""
+    """Return the table of K / UF / CR / CRc for the authors' files and for `gnn`."""
     gnn, rows = _ours(plan), []
     for row, (key, mesh, convention) in _cases(source).items():
         authors = published_values()["authors"][key]

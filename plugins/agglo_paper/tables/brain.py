@@ -1,4 +1,4 @@
-"""The brain page: the shipped section, or a given mesh, in the paper's terms (section 4.1)."""
+"""Results for a mesh of a brain section, agglo's or the user's, as in the paper's section 4.1."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _INTRO = (
 
 
 def source_of(file: Path) -> str:
-    """Return the source text for a mesh file.
+    """Return the text by which a mesh file is identified in the results.
 
     The text contains a digest, so that a changed file is a different source.
 
@@ -45,18 +45,18 @@ def source_of(file: Path) -> str:
 
 
 def page_name(source: str) -> str:
-    """Return a source's page name."""
+    """Return the name of the page for a mesh."""
     return "brain" if source == "brain" else Path(source.partition(":")[2].partition(":")[2]).stem
 
 
 def units(plan: Plan, source: str) -> Iterator[Unit]:
-    """Yield all measurements for a source's page."""
+    """Yield all computations for the page of a mesh."""
     yield from shape_units(plan, [source], ["brain"])
     yield from authors_units(plan, source)
 
 
 def page(plan: Plan, results: Results, source: str) -> Page:
-    """Return a source's page: printed table, all bisectors, and the authors' files."""
+    """Return the page of a mesh: table as in the paper, all bisectors, and the authors' files."""
     name = page_name(source)
     tables = [
         _as_printed(plan, results, source, name),

@@ -28,7 +28,7 @@ _SIGNS: Final = {"levels": "ℓ", "steps": "m", "degree": "p"}
 
 
 def unit(plan: Plan, grid: str, strategy: Strategy, repeat: int = 0) -> Unit:
-    """Return the work unit with all counts for a strategy on a paper grid."""
+    """Return the computation of all iteration counts for a method on one of the paper's meshes."""
     wanted = [i for i, each in enumerate(SETTINGS) if each.degree <= plan.degrees]
     settings: Data = {"source": f"paper:{grid}", "strategy": strategy.data(), "settings": wanted}
     if repeat and strategy.varies:
@@ -37,13 +37,13 @@ def unit(plan: Plan, grid: str, strategy: Strategy, repeat: int = 0) -> Unit:
 
 
 def plain_unit(plan: Plan, grid: str, degree: int) -> Unit:
-    """Return the work unit for plain conjugate gradients on a paper grid."""
+    """Return the computation of CG iteration counts on one of the paper's meshes."""
     settings = {"source": f"paper:{grid}", "degree": degree, "tolerances": [1e-6]}
     return Unit(plain, settings, (plan.solver,))
 
 
 def units(plan: Plan) -> Iterator[Unit]:
-    """Yield all counts for the four tables."""
+    """Yield all computations of iteration counts for the four tables."""
     for grid in plan.grids if plan.solver else ():
         yield from (plain_unit(plan, grid, degree) for degree in range(1, plan.degrees + 1))
         for strategy in plan.usable:
@@ -51,7 +51,7 @@ def units(plan: Plan) -> Iterator[Unit]:
 
 
 def page(plan: Plan, results: Results, name: str) -> Page:
-    """Return the page for a key of :data:`TABLES`."""
+    """Return the page for one of the four tables, a key of :data:`TABLES`."""
     title, _, _ = TABLES[name]
     tables = [_table(plan, results, name, as_printed) for as_printed in (True, False)]
     if not plan.solver:

@@ -1,4 +1,4 @@
-"""The paper's printed numbers, the verdict rules, and the reasons for differences."""
+"""The numbers printed in the paper, rules for verdicts on agglo's, and reasons for differences."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NETWORKS: Final = ("GNN", "gnn")
 
 
 class Band(NamedTuple):
-    """Accepted half-width, absolute or relative to the printed number."""
+    """Accepted deviation from the printed number, absolute or relative to it."""
 
     width: float
     relative: bool
@@ -26,18 +26,18 @@ class Band(NamedTuple):
 
 @cache
 def published_values() -> Mapping[str, Any]:
-    """Return the content of ``published.toml``."""
+    """Read the published numbers from ``published.toml``."""
     text = files("agglo_paper.tables").joinpath("published.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
 
 def band(name: str) -> Band:
-    """Return the band for ``uf``, ``cr``, ``ratios``, ``counts`` or ``cg``."""
+    """Return the accepted deviation for ``uf``, ``cr``, ``ratios``, ``counts`` or ``cg``."""
     return Band(float(published_values()["bands"][name]), name not in ("uf", "cr"))
 
 
 def number(table: Mapping[str, Any], column: str, place: int | None = None) -> float | None:
-    """Return a column's printed number, if any.
+    """Return the printed number for a column, or None if the paper prints none.
 
     `gnn` is compared with the paper's GNN.
     """
@@ -48,7 +48,9 @@ def number(table: Mapping[str, Any], column: str, place: int | None = None) -> f
 
 
 def judge(cell: Cell, band: Band) -> str:
-    """Judge a cell: equal as printed, near (in the band or the repetition range), or neither.
+    """Return the verdict on a number: equal as printed, near, or neither.
+
+    Near is within the accepted deviation, or with the printed number in the range over repetitions.
 
     Returns an empty text if the paper prints nothing.
     """
@@ -67,7 +69,7 @@ def judge(cell: Cell, band: Band) -> str:
 def judge_row(
     table: str, name: str, cells: Mapping[str, Cell], usual: Band, others: Mapping[str, Band] | None = None
 ) -> Row:
-    """Return a row with its verdict, and the reasons for all inexact cells.
+    """Return a table row with its verdict, and the reasons for all deviations.
 
     The learned columns decide, with the better network of the two; the references METIS and CG decide only
     if they are alone. Deviating verdicts are listed after the main verdict.

@@ -1,4 +1,4 @@
-"""Tables as data: cells with both numbers, rows with a verdict, pages."""
+"""Data structures for the results: numbers of agglo and of the paper, rows with a verdict, tables, pages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Cell:
-    """A number from agglo and from the paper, with the range over repetitions.
+    """One table entry: a number from agglo and from the paper, with agglo's range over repetitions.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Cell:
     flag: str = ""
 
     def text(self, digits: int) -> str:
-        """Return ``paper / ours (low–high)``, or ``ours`` alone."""
+        """Return the entry as text: ``paper / ours (low–high)``, or ``ours`` alone."""
         number_text = _number(self.ours, digits) + self.flag
         if self.low is not None and self.high is not None and self.low < self.high:
             number_text += f" ({_number(self.low, digits)}–{_number(self.high, digits)})"
@@ -38,7 +38,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Row:
-    """A row: cells or texts by column, verdict, and reasons."""
+    """One table row: numbers or texts by column, a verdict, and reasons for deviations."""
 
     name: str
     cells: Mapping[str, Cell | str]
@@ -48,7 +48,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of a page.
+    """One table of a page: title, rows and notes.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Page:
-    """A page: tables, introduction, figures, failures."""
+    """One page of results: introduction, tables, figures, failed computations."""
 
     name: str
     title: str
@@ -120,7 +120,7 @@ class Page:
 
 
 def _plain(value: Any) -> Any:
-    """Return ``value`` with six decimals and without empty entries."""
+    """Return nested data with numbers rounded to six decimals and without empty entries."""
     if isinstance(value, Mapping):
         entries = {key: _plain(item) for key, item in value.items()}
         return {key: item for key, item in entries.items() if item not in (None, "", [])}

@@ -1,4 +1,4 @@
-"""Time a bisection and a full recursion on one graph (paper, section 4.2)."""
+"""Run times of one bisection and of a full recursion (paper, section 4.2)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _timed_bisectors(plan: Plan) -> list[str]:
 
 
 def unit(plan: Plan, kind: str, cells: int) -> Unit:
-    """Return the work unit for timings on one mesh."""
+    """Return the measurement of run times on one mesh."""
     settings = {
         "kind": kind,
         "cells": cells,
@@ -47,13 +47,13 @@ def unit(plan: Plan, kind: str, cells: int) -> Unit:
 
 
 def units(plan: Plan) -> Iterator[Unit]:
-    """Yield all timings."""
+    """Yield all measurements of run times."""
     for kind in KINDS:
         yield from (unit(plan, kind, cells) for cells in plan.cells)
 
 
 def curves(plan: Plan, results: Results, kind: str) -> Mapping[str, list[tuple[int, Cell]]]:
-    """Return each method's milliseconds by cell count."""
+    """Return each method's run times in milliseconds for all numbers of cells."""
     lines: dict[str, list[tuple[int, Cell]]] = {}
     for cells in plan.cells:
         for name, taken in results[unit(plan, kind, cells).key].get("seconds", {}).items():
@@ -64,7 +64,7 @@ def curves(plan: Plan, results: Results, kind: str) -> Mapping[str, list[tuple[i
 
 
 def page(plan: Plan, results: Results) -> Page:
-    """Return the page ``runtime``."""
+    """Return the result page ``runtime``."""
     tables = [_claim(plan, results)]
     for kind, title in zip(KINDS, ("One bisection", "Full recursion"), strict=True):
         shown = [n for n in plan.cells if n in (25, 500, 1000, 2500, 5000, 20_000, 100_000)]
@@ -78,7 +78,7 @@ def page(plan: Plan, results: Results) -> Page:
 
 
 def _claim(plan: Plan, results: Results) -> Table:
-    """Return the paper's two ratios at 5000 cells, with the timed wrapper and without."""
+    """Return the table of time ratios that the paper claims: METIS and k-means to the network, 5000 cells."""
     # 1. Median times at the largest size up to 5000 cells
     at = max(n for n in plan.cells if n <= _AT)
     lines = curves(plan, results, "bisection")

@@ -1,4 +1,4 @@
-"""Tables with uniformity factor and circle ratio on the paper's grids (paper, section 4)."""
+"""Tables with uniformity factor and circle ratio on the paper's meshes (paper, section 4)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _INTRO = {
 
 
 def unit(source: str, convention: str, strategy: Strategy, repeat: int = 0) -> Unit:
-    """Return the measurement as a work unit.
+    """Return the computation of agglomerate shapes for a method on one mesh.
 
     ``repeat`` renumbers the cells or changes the seed.
     """
@@ -36,12 +36,12 @@ def unit(source: str, convention: str, strategy: Strategy, repeat: int = 0) -> U
 
 
 def repeats(plan: Plan, strategy: Strategy) -> range:
-    """Return a strategy's repetition numbers, a single number if nothing varies."""
+    """Return the repetition numbers for a method, a single number if its result never varies."""
     return range(1, plan.repeats + 1) if strategy.varies else range(1)
 
 
 def units(plan: Plan, sources: Sequence[str] = (), conventions: Sequence[str] = ()) -> Iterator[Unit]:
-    """Yield all measurements for the pages ``uf`` and ``cr``."""
+    """Yield all computations for the pages ``uf`` and ``cr``."""
     for source in sources or [f"paper:{grid}" for grid in GRIDS]:
         for strategy in plan.usable:
             for convention in conventions or ("run", "text"):
@@ -58,7 +58,10 @@ def cell(
     name: str,
     paper: float | None = None,
 ) -> Cell:
-    """Return the mean metric (or K, ``diameter``) as a cell: median and range over repetitions."""
+    """Return the mean of a metric as a table entry: median and range over repetitions.
+
+    The metric may also be K or ``diameter``.
+    """
     if strategy.problem:
         return Cell(None, paper)
     found = [results[unit(source, convention, strategy, repeat).key] for repeat in repeats(plan, strategy)]
@@ -71,7 +74,7 @@ def cell(
 
 
 def notes(plan: Plan) -> list[str]:
-    """Return the table notes."""
+    """Return the notes below the tables."""
     return [
         "paper / ours; where the result hangs on the numbering of the cells or on a seed, ours is the median "
         f"and (lowest–highest) of {plan.repeats}",
@@ -80,7 +83,7 @@ def notes(plan: Plan) -> list[str]:
 
 
 def ratio(above: Cell, below: Cell, paper: float | None) -> Cell:
-    """Return the quotient of two cells, with its possible range."""
+    """Return the quotient of two table entries, with the range of possible values."""
     if above.ours is None or not below.ours:
         return Cell(None, paper)
     low, high = (c if c is not None else below.ours for c in (below.low, below.high))
@@ -89,7 +92,7 @@ def ratio(above: Cell, below: Cell, paper: float | None) -> Cell:
 
 
 def page(plan: Plan, results: Results, name: str) -> Page:
-    """Return the page ``uf`` or ``cr``."""
+    """Return the result page ``uf`` or ``cr``."""
     metric = {"uf": "UF", "cr": "CRc"}[name]
     tables = [
         _as_printed(plan, results, name, metric),

@@ -1,1 +1,1 @@
-"""The work: meshes, methods, measurements, and the result store."""
+"""Computations behind the results: meshes, methods, measurements, and a store for results."""

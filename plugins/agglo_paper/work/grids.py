@@ -1,4 +1,4 @@
-"""Meshes and targets: the paper's four grids, fresh meshes in four families, brains."""
+"""Meshes and targets: the paper's four meshes, newly generated meshes in four families, brain sections."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BRAIN_SHARE, _BRAIN_PARTS = 0.2, 50
 
 
 def load(source: str, numbering: int = 0) -> Mesh:
-    """Return the mesh for a source text.
+    """Load or generate the mesh that a text identifies.
 
     The text is ``paper:NAME``, ``fresh:FAMILY:NUMBER``, ``brain`` or ``file:DIGEST:PATH``.
 
@@ -48,7 +48,7 @@ def load(source: str, numbering: int = 0) -> Mesh:
 
 
 def targets(mesh: Mesh, source: str, convention: str) -> Targets:
-    """Return the targets for a mesh.
+    """Return the targets of the agglomeration for a mesh: largest diameters and part counts.
 
     ``levels``: the three levels in the multigrid tables; ``run``: the middle level, √2/4 or N0/16 parts;
     ``text``: the middle level with 4 h0, as in the paper's text; ``brain``: 0.2 D or 50 parts.
@@ -78,7 +78,7 @@ def _fresh(family: str, number: int) -> Mesh:
 
 
 def _perturb_points(mesh: Mesh, spacing: float, seed: int) -> Mesh:
-    """Move inner points by up to a tenth of the spacing in x and y."""
+    """Move each interior point by up to a tenth of the mesh spacing in x and y."""
     inner = np.all((mesh.points > 0) & (mesh.points < 1), axis=1, keepdims=True)
     moves = np.random.default_rng(seed).uniform(-1, 1, mesh.points.shape) * _JITTER * spacing
     loops = mesh.boundary_loops
@@ -87,7 +87,7 @@ def _perturb_points(mesh: Mesh, spacing: float, seed: int) -> Mesh:
 
 
 def _renumber_cells(mesh: Mesh, seed: int) -> Mesh:
-    """Renumber cells at random."""
+    """Permute the cell numbers at random."""
     loops = mesh.boundary_loops
     cells = np.split(loops.vertices, loops.loop_offsets[1:-1])
     order = np.random.default_rng(seed).permutation(mesh.n_cells)
@@ -95,7 +95,10 @@ def _renumber_cells(mesh: Mesh, seed: int) -> Mesh:
 
 
 def _from_file(path: Path) -> Mesh:
-    """Read a mesh file, or an ``.npz`` with the arrays points, cell_offsets, cell_vertices."""
+    """Read a mesh from a file in any format, or from an ``.npz`` file with polygon arrays.
+
+    These are points, cell_offsets and cell_vertices.
+    """
     if path.suffix == ".npz":
         try:
             with np.load(path) as data:

@@ -1,4 +1,4 @@
-"""Measure shapes and iterations on one mesh, as functions of plain data."""
+"""Measurements of agglomerate shapes and of multigrid iterations on one mesh."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _PROBLEM: Final = 8.0
 
 
 class Setting(NamedTuple):
-    """Levels ℓ, smoothing steps m, degree p, and the tolerance of the printed counts."""
+    """Multigrid parameters: levels ℓ, smoothing steps m, polynomial degree p, and tolerance."""
 
     levels: int
     steps: int
@@ -44,7 +44,7 @@ FRESH: Final = (0, 1, 2, 3)
 def measure(
     source: str, convention: str, strategy: Mapping[str, Any], numbering: int = 0, seed: int = 0
 ) -> dict[str, Any]:
-    """Measure the shapes on one level: K, mean diameter over h*, and UF, CR, CRc per agglomerate."""
+    """Agglomerate a mesh, and measure the shapes: K, mean diameter over h*, UF, CR and CRc."""
     mesh = load(source, numbering)
     mesh_targets = targets(mesh, source, convention)
     labels = Strategy(**strategy).run(mesh, mesh_targets, seed).levels[0]
@@ -58,7 +58,7 @@ def measure(
 
 
 def _iterations(hierarchy: Hierarchy, setting: Setting) -> tuple[int, bool]:
-    """Return the number of multigrid iterations, and True if the paper's test was met.
+    """Return the number of multigrid iterations, and True if the paper's stopping test was met.
 
     The paper tests only the residual; the solver continues until the energy error is as small.
     """
@@ -76,7 +76,7 @@ def _iterations(hierarchy: Hierarchy, setting: Setting) -> tuple[int, bool]:
 
 
 def _first_met(solution: Solution, tolerance: float) -> int | None:
-    """Return the first iteration with a small enough residual, or None."""
+    """Return the first iteration with a relative residual within the tolerance, or None if there is none."""
     met = solution.residuals <= tolerance * solution.residuals[0]
     return int(np.argmax(met)) if met.any() else None
 
@@ -84,7 +84,7 @@ def _first_met(solution: Solution, tolerance: float) -> int | None:
 def count(
     source: str, strategy: Mapping[str, Any], settings: Sequence[int], numbering: int = 0, seed: int = 0
 ) -> dict[str, Any]:
-    """Count the iterations for some of :data:`SETTINGS`, with None and a reason for failures."""
+    """Count multigrid iterations for some of :data:`SETTINGS`, with None and a reason for invalid levels."""
     mesh = load(source, numbering)
     hierarchy = Strategy(**strategy).run(mesh, targets(mesh, source, "levels"), seed)
     outcomes: list[tuple[int, bool] | None] = []
@@ -104,7 +104,7 @@ def count(
 
 
 def plain(source: str, degree: int, tolerances: Sequence[float]) -> dict[str, Any]:
-    """Count iterations of plain conjugate gradients for each tolerance, None if never met.
+    """Count iterations of conjugate gradients without preconditioner to each tolerance, None if never met.
 
     ``smallest`` is the number of the iterate with the smallest residual, used if no tolerance is met.
     """
@@ -117,7 +117,7 @@ def plain(source: str, degree: int, tolerances: Sequence[float]) -> dict[str, An
 
 
 def fresh(source: str, strategy: Mapping[str, Any], solve: bool) -> dict[str, Any]:
-    """Measure shapes and, optionally, iterations on one fresh mesh, None without convergence."""
+    """Measure shapes and, optionally, iterations on one newly generated mesh, None without convergence."""
     shapes = measure(source, "run", strategy)
     values: dict[str, Any] = {name: float(np.mean(shapes[name])) for name in ("K", *METRICS)}
     if solve:

@@ -1,4 +1,4 @@
-"""Plan the work: full or quick."""
+"""Extent of the computations: full, or quick with fewer rows and repetitions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_paper.work.strategies import Strategy
 
 @dataclass(frozen=True)
 class Plan:
-    """Columns and amounts of work.
+    """Methods (table columns), meshes and repetitions of the computations.
 
     Attributes
     ----------
@@ -45,37 +45,37 @@ class Plan:
 
     @property
     def usable(self) -> list[Strategy]:
-        """Columns that can be computed here."""
+        """Methods that are available in this installation."""
         return [each for each in self.columns if not each.problem]
 
     @property
     def printed(self) -> list[Strategy]:
-        """The paper's own columns."""
+        """The three methods for which the paper prints numbers."""
         return list(self.columns[:3])
 
     @property
     def compared(self) -> list[Strategy]:
-        """Columns compared with printed numbers: the paper's own, and `gnn` against its GNN."""
+        """Methods compared with printed numbers: the paper's own, and `gnn` with the numbers of its GNN."""
         return [*self.columns[:3], *(each for each in self.usable if each.name == "gnn")]
 
     @property
     def others(self) -> list[Strategy]:
-        """All other columns."""
+        """All methods that are not compared with printed numbers."""
         return [each for each in self.columns if each not in self.compared]
 
     def problems(self) -> list[str]:
-        """Return the reasons for missing columns, one sentence each."""
+        """Return the reasons why methods are unavailable, one sentence each."""
         return [f"{each.name} is not available ({each.problem})" for each in self.columns if each.problem]
 
 
 def full(columns: Sequence[Strategy]) -> Plan:
-    """Return the full plan: the paper's 21 meshes with 25 to 5000 cells, then up to 100,000."""
+    """Return the full extent, with run times on the paper's 21 mesh sizes up to 5000 cells, then to 100,000."""
     cells = [25, *range(250, 5001, 250), 10_000, 20_000, 50_000, 100_000]
     return Plan(columns, 20, GRIDS, 3, FAMILIES, 50, cells, 20, 0.5, _solver_package())
 
 
 def quick(columns: Sequence[Strategy]) -> Plan:
-    """Return the quick plan: all tables with fewer rows and repetitions."""
+    """Return the quick extent: all tables, with fewer rows and repetitions."""
     few = ("triangles", "squares"), 2, ("Voronoi",), 2
     return Plan(columns, 2, *few, (25, 500), 3, 0.1, _solver_package())
 

@@ -1,4 +1,4 @@
-"""Units of work, and a store for their results, so that interrupted runs can resume."""
+"""Units of work, and a store for their results from which an interrupted run resumes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _DECISIVE: Final = _PROJECTS[:-2]  # projects that affect the results
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """A module function with its arguments, both arguments and result being plain data.
+    """One computation: a function and its arguments, where arguments and result are plain data.
 
     Attributes
     ----------
@@ -46,11 +46,11 @@ class Unit:
 
     @cached_property
     def key(self) -> str:
-        """Key of the unit: function and settings in one line."""
+        """Identification of the computation: function and arguments in one line."""
         return json.dumps([self.work.__module__, self.work.__name__, self.settings], sort_keys=True)
 
     def run(self) -> Data:
-        """Run the unit, and return its result or a component's failure."""
+        """Run the computation, and return its result or the error message of a failed component."""
         try:
             return self.work(**self.settings)
         except AggloError as error:
@@ -64,12 +64,12 @@ class Unit:
 
 @dataclass(frozen=True)
 class Store:
-    """A folder with one JSON result file per unit, valid for unchanged code and versions."""
+    """A folder with one JSON file of results per computation, valid for unchanged code and versions."""
 
     folder: Path
 
     def results(self, units: Iterable[Unit], done: Callable[[Unit, bool], None]) -> Results:
-        """Return the results of all units, computing those not stored.
+        """Return the results of all units: stored results, and otherwise newly computed ones.
 
         Parameters
         ----------
@@ -127,7 +127,7 @@ def versions() -> Mapping[str, str]:
 
 @cache
 def _package_digest(name: str) -> str:
-    """Return the digest of a package's source and weight files, or of its module file."""
+    """Return a hash of the source and weight files of a package, or of a single-file module."""
     spec = find_spec(name)
     if spec is None or spec.origin is None:
         return ""

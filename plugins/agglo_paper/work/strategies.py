@@ -1,4 +1,4 @@
-"""The table columns: the paper's methods, METIS at its best, and every installed bisector."""
+"""The methods compared in the tables: the paper's, METIS with good options, every installed bisector."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BEST = {"vertex_weights": True, "edge_weights": True, "ufactor": 300, "contig":
 
 @dataclass(frozen=True)
 class Targets:
-    """Level targets for a grid: largest diameters, or counts for METIS."""
+    """Targets of an agglomeration on all levels: largest diameters, or part counts for METIS."""
 
     sizes: tuple[float, ...]
     counts: tuple[int, ...]
@@ -32,7 +32,7 @@ class Targets:
 
 @dataclass(frozen=True)
 class Strategy:
-    """An agglomeration method.
+    """An agglomeration method: bisector, options and pipeline, shown as a table column.
 
     Attributes
     ----------
@@ -64,11 +64,11 @@ class Strategy:
     problem: str = ""
 
     def data(self) -> dict[str, Any]:
-        """Return the identifying settings of the strategy, as plain data."""
+        """Return the settings that identify the method, as plain data."""
         return {key: value for key, value in asdict(self).items() if key not in ("package", "problem")}
 
     def run(self, mesh: Mesh, targets: Targets, seed: int = 0) -> Hierarchy:
-        """Agglomerate a mesh to the targets, finest first."""
+        """Agglomerate a mesh to the targets on all levels, finest first."""
         target_options: dict[str, Any] = (
             {"n_parts": targets.counts} if self.by_count else {"h_star": targets.sizes}
         )
@@ -85,7 +85,7 @@ class Strategy:
 
 
 def paper_columns() -> list[Strategy]:
-    """Return the paper's columns: METIS as stated, its k-means, its network, and METIS with good options."""
+    """Return the paper's methods: METIS as stated, its k-means, its network, METIS with good options."""
     return [
         Strategy("METIS", "metis", _PLAIN, "kway", by_count=True, refined=False, varies="numbering"),
         Strategy("k-means", "kmeans_sklearn", varies="seed"),
@@ -97,7 +97,7 @@ def paper_columns() -> list[Strategy]:
 def columns(
     registry: Registry | None = None, chosen: Mapping[str, tuple[str, Mapping[str, Any]]] | None = None
 ) -> list[Strategy]:
-    """Return all columns: the paper's, then every registered bisector in the default pipeline.
+    """Return all methods: the paper's, then every registered bisector in agglo's default pipeline.
 
     ``chosen`` bisectors, name and options by column heading, replace the registered bisectors. A bisector
     that also partitions gets a second column, ``NAME k-way``. An unusable bisector stays, with its

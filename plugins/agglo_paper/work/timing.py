@@ -1,4 +1,4 @@
-"""Measure every method's CPU time on one mesh, for one bisection and a full recursion."""
+"""Measurement of every method's CPU time on one mesh, for one bisection and a full recursion."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _CELLS_PER_PART = 16
 
 
 def time_one(kind: str, cells: int, bisectors: Sequence[str], runs: int, seconds: float) -> dict[str, Any]:
-    """Return every method's CPU seconds on one Voronoi mesh, and the failures.
+    """Return the CPU seconds of every method on one Voronoi mesh, and messages of failed methods.
 
     Each method runs once untimed, then ``runs`` times, or as often as ``seconds`` allow: at least three
     times, or once if a single run takes longer.
@@ -58,7 +58,7 @@ def _time_calls(call: Call, runs: int, seconds: float) -> list[float]:
 
 
 def _bisection_calls(name: str, graph: Graph) -> Mapping[str, Call]:
-    """Return the calls for one bisection by the component itself, with variants for the paper's two."""
+    """Return functions that call one bisector alone, with variants for the paper's two."""
     if name == _KMEANS:
         tools = {"k-means, 1 start": {"n_init": 1}, "k-means, 10 starts": {"n_init": 10}}
         return {
@@ -78,7 +78,7 @@ def _split(tool: Any, graph: Graph) -> Call:
 
 
 def _metis(graph: Graph, parts: int, single_split: bool) -> dict[str, Call]:
-    """Return direct METIS calls, if pymetis is installed."""
+    """Return functions that call METIS directly, none if pymetis is not installed."""
     if find_spec("pymetis") is None:
         return {}
     import pymetis
