@@ -69,7 +69,7 @@ class Plan:
 
 
 def full(columns: Sequence[Strategy]) -> Plan:
-    """Return the full extent, with run times on the paper's 21 mesh sizes up to 5000 cells, then to 100,000."""
+    """Return the full extent, with run times on the paper's 21 mesh sizes to 5000 cells, then to 100,000."""
     cells = [25, *range(250, 5001, 250), 10_000, 20_000, 50_000, 100_000]
     return Plan(columns, 20, GRIDS, 3, FAMILIES, 50, cells, 20, 0.5, _solver_package())
 
