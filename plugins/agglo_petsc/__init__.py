@@ -1,4 +1,4 @@
-"""Declare PETSc's multigrid on agglo hierarchies, and provide functions for PETSc programs.
+"""Plugin with a solver by PETSc's multigrid on agglo hierarchies, and functions for PETSc programs.
 
 Names other than the declaration are imported on first use, so that listing plugins does not load PETSc.
 """
@@ -65,7 +65,7 @@ __all__ = [
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Return the solver ``petsc_mg``."""
+    """Return the declaration of the solver ``petsc_mg``."""
     return [
         Component(
             kind="solver",

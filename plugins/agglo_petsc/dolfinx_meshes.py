@@ -1,4 +1,4 @@
-"""Convert DOLFINx meshes to agglo meshes, and cell labels back to DOLFINx.
+"""Conversion of DOLFINx meshes to agglo meshes, and of cell labels to DOLFINx.
 
 Each process has its own cells; they are converted without ghosts, in DOLFINx numbering.
 """
@@ -70,7 +70,7 @@ _CORNERS: Final = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahed
 
 
 def to_dolfinx(domain: Any, labels: ArrayLike) -> Any:
-    """Return the labels of the cells owned by this process, as ``dolfinx.mesh.MeshTags``.
+    """Convert the labels of the cells owned by this process to ``dolfinx.mesh.MeshTags``.
 
     Parameters
     ----------

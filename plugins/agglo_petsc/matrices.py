@@ -1,4 +1,4 @@
-"""Convert matrices, vectors and linear problems between scipy and PETSc, on one or several ranks."""
+"""Conversion of matrices, vectors and linear problems between scipy and PETSc, on one or several ranks."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def to_petsc(matrix: Any, width: int = 1) -> Any:
 
 
 def mat_from_rows(rows: Any, comm: Any, own_columns: int, widths: tuple[int, int] = (1, 1)) -> Any:
-    """Assemble a PETSc matrix (``aij``) from the rows on each rank. Collective.
+    """Assemble a distributed PETSc matrix (``aij``) from the rows of each rank. Collective.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def mat_from_rows(rows: Any, comm: Any, own_columns: int, widths: tuple[int, int
 
 
 def rows_of(mat: Any) -> Any:
-    """Return the rows of this rank ``(n_own, m)`` as CSR, with global columns.
+    """Return this rank's rows of a PETSc matrix ``(n_own, m)`` as CSR, with global column indices.
 
     Raises
     ------
@@ -129,19 +129,19 @@ def to_scipy(mat: Any) -> Any:
 
 
 def vector(like: Any, values: Float) -> Any:
-    """Create a PETSc vector for the rows of a matrix, with values ``(n_own,)`` on this rank."""
+    """Create a PETSc vector distributed like the rows of a matrix, with values ``(n_own,)`` on this rank."""
     found = like.createVecLeft()
     found.setArray(np.asarray(values, np.float64))
     return found
 
 
 def entries(vec: Any) -> Float:
-    """Copy a vector's entries on this rank ``(n_own,)``."""
+    """Return a copy of a PETSc vector's entries on this rank ``(n_own,)``."""
     return frozen_float(np.array(vec.getArray(readonly=True)))
 
 
 def near_null_vectors(mat: Any) -> Float | None:
-    """Return the near-null vectors ``(n_own, k)`` of a matrix (``setNearNullSpace``), if any."""
+    """Return the near-null vectors ``(n_own, k)`` stored with a matrix, or None if there are none."""
     space = mat.getNearNullSpace()
     if not space:
         return None
@@ -153,7 +153,7 @@ def near_null_vectors(mat: Any) -> Float | None:
 def linear(
     mat: Any, rhs: Any, *, block_offsets: ArrayLike | None = None, near_null: ArrayLike | None = None
 ) -> Linear:
-    """Return the problem A x = b for a PETSc matrix and vector, for any agglo solver.
+    """Return the problem A x = b with a PETSc matrix and vector, for any solver of agglo.
 
     Works on one process only.
 

@@ -1,4 +1,4 @@
-"""Exchange arrays and errors between ranks during set-up."""
+"""Exchange of arrays and error messages between ranks during set-up."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 def agree(comm: Any, wrong: str) -> None:
-    """Raise OptionError on all ranks if there is a message on any, so that none waits for another.
+    """Raise OptionError on all ranks if any rank has an error message, to avoid a deadlock.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def agree(comm: Any, wrong: str) -> None:
 
 
 def exchange_parcels(comm: Any, parcels: Mapping[int, T]) -> dict[int, T]:
-    """Exchange objects between all ranks, and return them by increasing rank. Collective.
+    """Send one object to each rank, and return the received objects by increasing rank. Collective.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def exchange_parcels(comm: Any, parcels: Mapping[int, T]) -> dict[int, T]:
 
 
 def by_owner(ids: Int, starts: Int) -> dict[int, Int]:
-    """Group increasing ids by owner: rank r has ``starts[r]:starts[r + 1]``.
+    """Group increasing ids by the rank that owns them, where rank r owns ``starts[r]:starts[r + 1]``.
 
     Examples
     --------

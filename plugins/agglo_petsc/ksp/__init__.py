@@ -1,1 +1,1 @@
-"""Multigrid in a KSP: set-up, options, report, checked solve."""
+"""Multigrid preconditioning of PETSc's Krylov solvers (KSP): set-up, options, report, checked solve."""

@@ -1,4 +1,4 @@
-"""Solve by a ``KSP`` and check the result: true residual, and error in the energy norm."""
+"""Solution by a PETSc ``KSP``, with checks of the true residual and the energy norm of the error."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def solve(
     max_iterations: int = 300,
     measure: Callable[[Float], float] | None = None,
 ) -> History:
-    """Solve A x = b from zero, and check the accuracy of x.
+    """Solve A x = b with initial guess zero, and check the accuracy of x.
 
     Collective. The solution counts as converged if the true residual b − A x and an estimate of the error
     in the energy norm are at most ``tolerance``. A second solve for the residual determines the error to
@@ -121,11 +121,11 @@ class _Run:
 
     @property
     def right(self) -> bool:
-        """True if both tests are passed."""
+        """True if both the residual and the estimated energy error are small enough."""
         return self.size <= self.tolerance and self.error <= self.tolerance
 
     def _iterate(self, wanted: float) -> None:
-        """Run conjugate gradients from the iterate, until their own residual is small enough."""
+        """Continue with conjugate gradients until their recursively updated residual is small enough."""
         self._solve(self.b, self.x, wanted * self.first, self.most - self.done, from_zero=self.done == 0)
         norms = self.ksp.getConvergenceHistory()[1:]
         reason = self.ksp.getConvergedReason()
@@ -136,7 +136,7 @@ class _Run:
         self.ended = _name(reason) if reason < 0 else ""
 
     def _check(self) -> None:
-        """Estimate the error of the iterate, and remove the error if it is too large."""
+        """Estimate the error of the iterate, and correct the iterate if the error is too large."""
         # 1. Solve A c = r for the error c
         c = self.b.duplicate()
         self._solve(self.r, c, _DIGIT * float(self.r.norm()), _CHECK, from_zero=True)
@@ -171,7 +171,7 @@ class _Run:
         return self.measure(entries(self.r))
 
     def history(self) -> History:
-        """Return the history."""
+        """Return the result of the solve: x, residuals, reason for the end, and error estimate."""
         test_results = (self.size <= self.tolerance, self.error <= self.tolerance)
         ended: Any = "met" if self.right else (self.ended or "most iterations")
         energy_text = f", energy error about {self.error:.1e}" if np.isfinite(self.error) else ""
@@ -190,7 +190,7 @@ class _Run:
 
 
 def _name(reason: int) -> str:
-    """Translate a PETSc reason to an agglo end reason."""
+    """Convert PETSc's reason for the end of an iteration to agglo's."""
     reasons = petsc().KSP.ConvergedReason
     return next(
         (ended for name, (ended, _) in _WHY.items() if getattr(reasons, name) == reason), "stagnation"

@@ -1,4 +1,4 @@
-"""Report on a ``KSP`` with PCMG: level matrices, sizes, memory."""
+"""Report on multigrid levels in a PETSc ``KSP``: matrices, sizes, memory."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_petsc.ranks.patch_sweeps import PatchSweeps
 
 
 def level_matrices(ksp: Any) -> list[tuple[Any, Any]]:
-    """Return ``(A, P)`` of each level as scipy matrices, finest first, on one rank.
+    """Return matrix and prolongation ``(A, P)`` of each level in scipy's format, finest first, on one rank.
 
     P is None on the coarsest level.
     """
@@ -20,12 +20,12 @@ def level_matrices(ksp: Any) -> list[tuple[Any, Any]]:
 
 
 def level_sizes(ksp: Any) -> list[tuple[int, int]]:
-    """Return the numbers of unknowns and stored entries per level, finest first. Collective."""
+    """Return the numbers of unknowns and stored matrix entries per level, finest first. Collective."""
     return [(A.getSize()[0], int(A.getInfo(A.InfoType.GLOBAL_SUM)["nz_used"])) for A, _ in _levels(ksp)]
 
 
 def memory_of(ksp: Any) -> int:
-    """Return the bytes of matrices, prolongations, and smoother and coarse factors. Collective.
+    """Return the memory of matrices, prolongations and factors on all levels, in bytes. Collective.
 
     The finest matrix is included. Factors from other packages, for example MUMPS, are included as far as
     PETSc reports them.
@@ -52,7 +52,7 @@ def _smoothers(ksp: Any) -> list[Any]:
 
 
 def _bytes(mat: Any) -> float:
-    """Return the bytes for values and indices in this rank's rows.
+    """Return the memory of the values and indices in this rank's matrix rows, in bytes.
 
     PETSc reports memory itself only in debug builds.
     """

@@ -1,4 +1,4 @@
-"""Set PETSc options for one solver during its set-up, and restore the database afterwards.
+"""Temporary entries in PETSc's option database during the set-up of one solver.
 
 The database is global to the program. User entries take precedence over agglo's defaults, and options for
 one solver over both.
@@ -63,7 +63,7 @@ def _pair(name: Any, value: Any) -> tuple[str, str]:
 
 
 class OptionDatabase:
-    """Context manager that puts defaults and given options with a prefix into the database.
+    """Context in which PETSc's option database contains defaults and given options for one prefix.
 
     Parameters
     ----------
@@ -94,12 +94,12 @@ class OptionDatabase:
                 self._options.setValue(name, value)
 
     def unused(self) -> list[str]:
-        """Return the given options that PETSc has not used so far."""
+        """Return the names of the given options that PETSc has not used so far."""
         whole = petsc().Options()  # ``used`` takes no prefix
         return [name for name in self._given if not whole.used(f"{self._prefix}{name}")]
 
     def require_used(self) -> None:
-        """Raise OptionError if PETSc has not used some given option."""
+        """Raise OptionError if PETSc has not used one of the given options."""
         unused = self.unused()
         if unused:
             names = ", ".join(f"-{name}" for name in unused)

@@ -1,4 +1,4 @@
-"""Set up PETSc's multigrid ``PCMG`` on agglo levels, for any ``KSP``."""
+"""Set-up of PETSc's multigrid ``PCMG`` on agglo levels, for any ``KSP``."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def setup(
     cycle: Cycle = "V",
     petsc_options: str | Mapping[str, Any] = "",
 ) -> None:
-    """Set up multigrid on agglo levels as the preconditioner of a user's ``KSP``. Collective.
+    """Set up multigrid on agglo levels as the preconditioner of a given ``KSP``. Collective.
 
     The ``KSP`` itself is set up, too. Coarse matrices are Galerkin products, recomputed by PETSc when the
     matrix changes. All else in the ``KSP``, its type and tolerances, stays unchanged. Options in PETSc's
@@ -116,7 +116,7 @@ def pc(
     cycle: Cycle = "V",
     petsc_options: str | Mapping[str, Any] = "",
 ) -> Any:
-    """Return a ``PC`` on the levels, set up for a matrix.
+    """Return a multigrid preconditioner (``PC``) on given levels, set up for a matrix.
 
     Parameters and errors are documented in :func:`setup`.
     """
@@ -129,7 +129,7 @@ def pc(
 
 
 def _set_up(ksp: Any) -> None:
-    """Set a solver up, and raise LinAlgError if PETSc rejects the matrix."""
+    """Set up a ``KSP``, and raise LinAlgError if PETSc cannot, as for a singular matrix."""
     PETSc, failure = petsc(), None
     try:
         ksp.setUp()
@@ -147,7 +147,7 @@ def _set_up(ksp: Any) -> None:
 
 
 def choose_smoother(levels: PetscLevels) -> str:
-    """Return the smoother for ``auto``: sweeps if useful and available on all levels, otherwise SOR."""
+    """Return the smoother for ``auto``: patch sweeps if useful and possible on all levels, otherwise SOR."""
     if any(width is None for width in levels.widths):
         return "sor"
     several = any(width != 1 for width in levels.widths)
@@ -155,7 +155,7 @@ def choose_smoother(levels: PetscLevels) -> str:
 
 
 def _coarse(comm: Any, solver: CoarseSolver, levels: bool) -> dict[str, str]:
-    """Return the options for the solver on the coarsest level, possibly the matrix itself."""
+    """Return the PETSc options for the solver on the coarsest level, which may be the only level."""
     PETSc, prefix = petsc(), "mg_coarse_" if levels else ""
     several = comm.getSize() > 1
     if solver == "auto":
@@ -173,7 +173,7 @@ def _coarse(comm: Any, solver: CoarseSolver, levels: bool) -> dict[str, str]:
 
 
 def _levels_of(pc: Any, levels: PetscLevels, smoother: str, cycle: Cycle) -> None:
-    """Configure the levels of a ``PC``, numbered by PETSc from the coarsest."""
+    """Set prolongations and smoothers of all levels in a ``PC``."""
     PETSc, count = petsc(), len(levels.prolongations)
     pc.setType("mg")
     pc.setMGLevels(count + 1)
@@ -202,7 +202,7 @@ def _levels_of(pc: Any, levels: PetscLevels, smoother: str, cycle: Cycle) -> Non
 
 
 def _index_sets(patches: Patches, width: int) -> list[Any]:
-    """Return the unknowns of each patch as PETSc index sets, including empty sets."""
+    """Return the unknowns of each patch as a PETSc index set, empty for an empty patch."""
     PETSc = petsc()
     group = np.repeat(np.arange(len(patches)), np.diff(patches.offsets))
     parts = np.asarray(patches.parts)[np.lexsort((patches.parts, group))].astype(PETSc.IntType)

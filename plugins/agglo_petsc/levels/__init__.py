@@ -1,1 +1,1 @@
-"""Levels from cell labels: aggregates, near-null vectors, prolongations."""
+"""Multigrid levels from cell labels: aggregates, near-null vectors, prolongations."""

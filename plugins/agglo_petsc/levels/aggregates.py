@@ -1,4 +1,4 @@
-"""Coarse spaces on aggregates with rows distributed over ranks, by smoothed aggregation.
+"""Smoothed aggregation with matrix rows distributed over ranks.
 
 P. Vaněk, J. Mandel, M. Brezina, "Algebraic multigrid by smoothed aggregation for second and fourth order
 elliptic problems", Computing 56 (1996), with blocks instead of scalars. The near-null vectors for
@@ -35,7 +35,7 @@ from agglo_petsc.messages import agree
 
 @dataclass(frozen=True, eq=False)
 class PetscLevels:
-    """Prolongations between levels, finest first, for ``PCMG`` to compute the matrices.
+    """Multigrid levels for PETSc: prolongations, finest first, from which ``PCMG`` computes the matrices.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ def given_levels(
     widths: Sequence[int | None] | None = None,
     patches: Sequence[Patches | None] | None = None,
 ) -> PetscLevels:
-    """Return levels from existing prolongations: scipy matrices on one process, or PETSc matrices.
+    """Return levels with given prolongations: scipy matrices on one process, or PETSc matrices.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def aggregate_levels(
     smooth: bool = True,
     damping: float = 4 / 3,
 ) -> PetscLevels:
-    """Build levels on aggregates of matrix parts. Collective on the ranks of the matrix.
+    """Build multigrid levels by smoothed aggregation from given aggregates. Collective.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def aggregate_levels(
 
 
 def levels_for(A: Any, given: Levels) -> PetscLevels:
-    """Return the levels for a matrix, from a hierarchy or labels on this rank. Collective.
+    """Return the levels for a matrix, built from a hierarchy or labels if necessary. Collective.
 
     Raises
     ------
@@ -199,7 +199,7 @@ def levels_for(A: Any, given: Levels) -> PetscLevels:
 
 
 def _vertex_patches(levels: Any, labels: list[Int], first: list[int]) -> list[Patches | None] | None:
-    """Return 2-D vertex patches if there is a mesh, numbered from the first part of this rank."""
+    """Return the sets of parts around vertices, with global part numbers, or None without a 2-D mesh."""
     mesh = levels.fine if isinstance(levels, Hierarchy) else None
     if mesh is None or mesh.dim != 2:
         return None
@@ -243,7 +243,7 @@ def _start(A: Any, block_offsets: ArrayLike | None, near_null: ArrayLike | None)
 
 
 def _near_null_or_constants(A: Any, n: int, offsets: Any) -> Any:
-    """Return the near-null vectors stored with the matrix, or constants."""
+    """Return the near-null vectors stored with the matrix, or a constant per unknown of a part."""
     found = near_null_vectors(A)
     if found is not None:
         return found
@@ -255,7 +255,7 @@ def _near_null_or_constants(A: Any, n: int, offsets: Any) -> Any:
 def _number_aggregates(
     comm: Any, level: int, aggregates: ArrayLike, parts: int, owned: int | None
 ) -> tuple[Int, int]:
-    """Return the aggregate of each part, −1 for none, and their number on this rank.
+    """Return the aggregate of each part, −1 for none, and the number of aggregates on this rank.
 
     Checked on all ranks.
     """
@@ -281,7 +281,7 @@ def _number_aggregates(
 
 
 def _width(comm: Any, offsets: Int) -> int | None:
-    """Return the number of unknowns per part on all ranks, or None if parts differ."""
+    """Return the number of unknowns per part, or None if parts on any ranks differ."""
     sizes = np.diff(offsets)
     own = (int(sizes.min()), int(sizes.max())) if len(sizes) else None
     seen = [each for each in comm.tompi4py().allgather(own) if each is not None]

@@ -1,4 +1,4 @@
-"""Distributed prolongations, smoothed by a block Jacobi step."""
+"""Smoothing of distributed prolongations by a block Jacobi step."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ step is too long; more lengthen the set-up (benchmarks/petsc.py)."""
 
 
 def own_columns(comm: Any, own: Any, widths: tuple[int, int]) -> Any:
-    """Return the distributed matrix whose block on this rank, ``(n_own, m_own)``, is given."""
+    """Return the block diagonal matrix whose diagonal block on each rank is ``own (n_own, m_own)``."""
     counts = comm.tompi4py().allgather(own.shape[1])
     first, total = sum(counts[: comm.getRank()]), sum(counts)
     rows = sparse.csr_array((own.data, own.indices + first, own.indptr), shape=(own.shape[0], total))
@@ -25,7 +25,7 @@ def own_columns(comm: Any, own: Any, widths: tuple[int, int]) -> Any:
 
 
 def jacobi_smoothed(A: Any, offsets: Int, T: Any, damping: float) -> Any:
-    """Return (I − (ω / λ_max) D⁻¹ A) T, with the diagonal blocks D of A."""
+    """Return the smoothed prolongation (I − (ω / λ_max) D⁻¹ A) T, with the block diagonal D of A."""
     PETSc = petsc()
     inverse = _inverse_blocks(A, offsets)
     AT = A.matMult(T)
@@ -39,7 +39,7 @@ def jacobi_smoothed(A: Any, offsets: Int, T: Any, damping: float) -> Any:
 
 
 def _inverse_blocks(A: Any, offsets: Int) -> Any:
-    """Return D⁻¹ as a PETSc matrix."""
+    """Return the inverse of the block diagonal of A as a distributed PETSc matrix."""
     comm, diagonal_block = A.getComm(), rows_of(A.getDiagonalBlock())
     wrong, inverse = "", diagonal_block
     try:
@@ -52,7 +52,7 @@ def _inverse_blocks(A: Any, offsets: Int) -> Any:
 
 
 def _largest_eigenvalue(A: Any, inverse: Any) -> float:
-    """Estimate the largest eigenvalue of D⁻¹A, slightly low.
+    """Estimate the largest eigenvalue of D⁻¹A, slightly too low.
 
     Uses conjugate gradients from a start vector that depends only on row numbers.
     """

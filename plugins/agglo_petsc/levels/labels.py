@@ -1,4 +1,4 @@
-"""Convert cell labels to aggregates of the parts on each level."""
+"""Conversion of cell labels to aggregates of the parts on each level."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def nested_aggregates(labels: Sequence[Int]) -> list[Int]:
 def labels_of_unknowns(
     unknowns: ArrayLike, cell_of: ArrayLike, levels: Sequence[ArrayLike], n: int
 ) -> list[Int]:
-    """Return the parts of the unknowns in a continuous method on each level.
+    """Assign the unknowns of a continuous finite element method to parts, on each level.
 
     On the finest level an unknown belongs to the part with most of its cells, the lowest of several; on
     coarser levels to the parent of that part. Parts are renumbered without gaps: a thin part may have no
@@ -82,7 +82,7 @@ def labels_of_unknowns(
 
 
 def _of_most(rows: Int, parts: Int) -> Int:
-    """Return the most frequent part of each row 0..n−1."""
+    """Return the most frequent of the parts paired with each row 0..n−1."""
     pairs, counts = np.unique(np.stack((rows, parts), axis=1), axis=0, return_counts=True)
     order = np.lexsort((pairs[:, 1], -counts, pairs[:, 0]))
     return frozen_int(pairs[order[np.unique(pairs[order, 0], return_index=True)[1]], 1])

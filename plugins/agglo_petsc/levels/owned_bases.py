@@ -1,4 +1,4 @@
-"""Bases of aggregates distributed over ranks, computed where the aggregate is owned.
+"""Tentative prolongations on aggregates distributed over ranks, computed by the owner of each aggregate.
 
 Near-null rows are sent to the owner of their aggregate, prolongation rows back.
 """
@@ -17,7 +17,7 @@ from agglo_petsc.messages import agree, exchange_parcels
 
 @dataclass(frozen=True, eq=False)
 class OwnedBases:
-    """A tentative prolongation with rows and columns distributed over ranks.
+    """A tentative (unsmoothed) prolongation with rows and columns distributed over ranks.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class OwnedBases:
 
 
 def bases_where_owned(comm: Any, holder: Any, count: int, near_null: Float) -> OwnedBases:
-    """Restrict near-null vectors to aggregates. Collective.
+    """Compute a tentative prolongation by restriction of near-null vectors to aggregates. Collective.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def bases_where_owned(comm: Any, holder: Any, count: int, near_null: Float) -> O
 
 
 def _rows(answers: Any, sent_rows: Any, n: int, total: int) -> Any:
-    """Assemble returned rows at their positions."""
+    """Assemble prolongation rows, received from the owners of the aggregates, to a matrix."""
     places = [np.repeat(sent_rows[rank], counts) for rank, (counts, _, _) in answers.items()]
     rows, columns, data = (
         np.concatenate([np.empty(0, kind), *arrays])

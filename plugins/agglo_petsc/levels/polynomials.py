@@ -1,4 +1,4 @@
-"""Polynomials over a whole mesh: the near-null vectors of the coarse spaces."""
+"""Polynomials on the whole mesh, used as near-null vectors of the coarse spaces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from agglo_core.authoring import Float, frozen_float
 
 
 def monomials(dim: int, degree: int, centre: ArrayLike, half: float) -> list[Callable[[Float], Float]]:
-    """Return the monomials up to total ``degree`` as functions of points ``(q, d)``, degree 0 first.
+    """Return the monomials up to total ``degree`` as functions of points ``(q, d)``, by increasing degree.
 
     Their arguments are scaled to [−1, 1]^d on a box with half side ``half`` around ``centre``.
 
@@ -30,7 +30,7 @@ def monomials(dim: int, degree: int, centre: ArrayLike, half: float) -> list[Cal
 
 
 def exponents(dim: int, degree: int) -> list[tuple[int, ...]]:
-    """Return the exponents of all monomials up to total ``degree``, starting with 1.
+    """Return the exponents of all monomials up to total ``degree``, beginning with the constant.
 
     Examples
     --------
@@ -41,7 +41,7 @@ def exponents(dim: int, degree: int) -> list[tuple[int, ...]]:
 
 
 def monomial(points: Float, powers: tuple[int, ...]) -> Float:
-    """Evaluate a monomial ``(q,)`` at points ``(q, d)``.
+    """Evaluate the monomial with given exponents at points ``(q, d)``, and return ``(q,)``.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Rows, vertex patches and sweeps distributed over ranks."""
+"""Matrix rows, vertex patches and patch smoothing distributed over ranks."""

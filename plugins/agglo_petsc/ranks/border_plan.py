@@ -1,4 +1,4 @@
-"""Plan sweeps through border patches: turns of the ranks, required rows, updates to send.
+"""Communication plan for multiplicative patch smoothing across ranks: order, required rows, updates.
 
 Ranks with adjacent patches take turns, by colours: M. F. Adams, "A distributed memory unstructured
 Gauss-Seidel algorithm for multigrid smoothers", Proc. SC 2001. Patches away from the borders touch no other
@@ -22,7 +22,7 @@ _EMPTY = frozen_int(np.empty(0, np.int64))  # no parts
 
 @dataclass(frozen=True, eq=False)
 class BorderPlan:
-    """Data of a rank for sweeps through patches that other ranks touch, too.
+    """Data of one rank for multiplicative smoothing over patches shared with other ranks.
 
     Own parts come first, then copies of parts on other ranks, both by increasing number.
 
@@ -52,7 +52,7 @@ class BorderPlan:
 
 
 def border_plan(comm: Any, own: Any, starts: Int, patches: Patches | None) -> BorderPlan:
-    """Plan sweeps through patches, each contributed by one rank. Collective.
+    """Compute the plan for multiplicative smoothing over distributed patches. Collective.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def border_plan(comm: Any, own: Any, starts: Int, patches: Patches | None) -> Bo
     ghosts = frozen_int(reached[(reached < first) | (reached >= last)])
 
     def to_local(parts: Int) -> Int:
-        """Return the positions of parts among own parts and copies."""
+        """Return the local indices of parts: first the parts owned by this rank, then ghosts."""
         inside = (parts >= first) & (parts < last)
         return frozen_int(np.where(inside, parts - first, last - first + np.searchsorted(ghosts, parts)))
 
@@ -99,14 +99,14 @@ def border_plan(comm: Any, own: Any, starts: Int, patches: Patches | None) -> Bo
 
 
 def in_blocks(rows: Any, width: int) -> Any:
-    """Convert a CSR to BSR with square blocks, sorted."""
+    """Convert a CSR matrix to BSR with square blocks and sorted column indices."""
     found = sparse.bsr_array(rows, blocksize=(width, width))
     found.sort_indices()
     return found
 
 
 def _with_single_parts(comm: Any, starts: Int, patches: Patches | None) -> Patches:
-    """Return this rank's nonempty patches, and its parts outside all patches on any rank."""
+    """Return this rank's patches, with a single-part patch for each own part that is in no patch."""
     first, last = int(starts[comm.rank]), int(starts[comm.rank + 1])
     offsets, parts = (np.zeros(1, np.int64), _EMPTY) if patches is None else (patches.offsets, patches.parts)
     held = exchange_parcels(comm, by_owner(frozen_int(np.unique(parts)), starts)).values()
@@ -119,7 +119,7 @@ def _with_single_parts(comm: Any, starts: Int, patches: Patches | None) -> Patch
 
 
 def _divide_patches(groups: Patches, rows: Any, first: int, last: int) -> tuple[Patches, Patches]:
-    """Split into patches whose parts and neighbours are all own, and all others."""
+    """Split patches into those with all parts and neighbours on this rank, and all others."""
     away = (rows.indices < first) | (rows.indices >= last)
     coupled = np.zeros(last - first, bool)
     coupled[np.repeat(np.arange(last - first), np.diff(rows.indptr))[away]] = True
@@ -135,7 +135,7 @@ def _divide_patches(groups: Patches, rows: Any, first: int, last: int) -> tuple[
 
 
 def _rows_for(comm: Any, rows: Any, starts: Int, parts: Int) -> tuple[tuple[Any, Any, Any], Int]:
-    """Collect the rows of parts on any ranks, own rows first: counts, columns, blocks, and columns again."""
+    """Collect the block rows of given parts from all ranks, own rows first, and return their columns, too."""
     first, requests = int(starts[comm.rank]), by_owner(parts, starts)
     own_parts = requests.pop(comm.rank, _EMPTY)
     answers = {
@@ -148,7 +148,7 @@ def _rows_for(comm: Any, rows: Any, starts: Int, parts: Int) -> tuple[tuple[Any,
 
 
 def _take_rows(rows: Any, selection: Int) -> tuple[Any, Any, Any]:
-    """Return some rows of a BSR: counts, columns, blocks."""
+    """Return selected block rows of a BSR matrix: block counts, column indices, blocks."""
     counts = np.diff(rows.indptr)[selection]
     ends = np.cumsum(counts)
     total = int(ends[-1]) if len(ends) else 0
@@ -157,7 +157,7 @@ def _take_rows(rows: Any, selection: Int) -> tuple[Any, Any, Any]:
 
 
 def _square(rows: tuple[Any, Any, Any], places: Int, columns: Int, n: int, width: int) -> Any:
-    """Place rows in a square BSR with all other rows empty."""
+    """Return the square BSR matrix with the given block rows, and all other rows empty."""
     counts, _, blocks = rows
     order = np.argsort(places, kind="stable")  # own parts first, like the rows
     sizes = np.zeros(n, np.int64)
@@ -171,7 +171,7 @@ def _square(rows: tuple[Any, Any, Any], places: Int, columns: Int, n: int, width
 def _tellers(
     comm: Any, starts: Int, changed: Int, copied: Mapping[int, Int]
 ) -> tuple[dict[int, Int], dict[int, Int]]:
-    """Return the changed parts that other ranks hold, and the parts here that others change.
+    """Return by rank the parts changed here that it holds, and the parts held here that it changes.
 
     The owner of a part sends the list of its copies to the ranks that change the part.
     """
@@ -195,7 +195,7 @@ def _tellers(
 
 
 def _colours(comm: Any, touched: list[int]) -> dict[int, int]:
-    """Return a colour for each rank, different for ranks that change a common part."""
+    """Return a colour for each rank, such that ranks that change a common part differ."""
     # 1. Adjacent ranks
     adjacent: list[set[int]] = [set() for _ in range(comm.size)]
     for rank, neighbours in enumerate(comm.allgather(touched)):
@@ -211,5 +211,5 @@ def _colours(comm: Any, touched: list[int]) -> dict[int, int]:
 
 
 def starts_of(sizes: Any) -> Int:
-    """Return the offsets ``(n + 1,)`` of consecutive lists."""
+    """Return the offsets ``(n + 1,)`` of consecutive lists with the given sizes."""
     return frozen_int(np.concatenate(([0], np.cumsum(sizes))))

@@ -1,4 +1,4 @@
-"""Patch sweeps as a PETSc preconditioner: multiplicative, whereas PCASM is additive.
+"""Multiplicative patch smoothing as a PETSc preconditioner, whereas PETSc's PCASM is additive.
 
 On several ranks the sweep reorders the sweep on one rank: first all ranks concurrently sweep through the
 patches that touch no other rank, then adjacent ranks take turns at the borders. Therefore the sweep needs
@@ -24,7 +24,10 @@ _TRIES, _PAUSE = 100, 2e-5
 
 
 class _RankSweeps:
-    """Sweeps on one rank through the patches of a matrix. All methods are collective."""
+    """Multiplicative smoothing over the patches of a distributed matrix, on one rank.
+
+    All methods are collective.
+    """
 
     def __init__(self, A: Any, patches: Patches | None, width: int) -> None:
         self._comm, self._width = A.getComm().tompi4py(), width
@@ -45,17 +48,17 @@ class _RankSweeps:
         self.memory = sum(_memory(sweeps) for sweeps in (self._inner, self._outer) if sweeps is not None)
 
     def forwards(self, b: Float) -> Float:
-        """Return the sweep from zero for a right-hand side ``(n_own,)``."""
+        """Return the result of one sweep with initial guess zero for a right-hand side ``(n_own,)``."""
         x: Float = np.zeros(len(b)) if self._inner is None else np.asarray(self._inner.before(b)[0], float)
         return self._through_borders(b, x, back=False)[: len(b)]
 
     def backwards(self, b: Float) -> Float:
-        """Return the transposed sweep, in the opposite order."""
+        """Return the result of the transposed sweep, which visits the patches in reverse order."""
         x = self._through_borders(b, np.zeros(len(b)), back=True)[: len(b)]
         return x if self._inner is None else np.asarray(self._inner.after(b, x), np.float64)
 
     def _through_borders(self, b: Float, x: Float, *, back: bool) -> Float:
-        """Return x on own parts and copies after the turns of all ranks."""
+        """Sweep through the patches shared between ranks, and return x on own parts and ghosts."""
         plan, comm, n = self._plan, self._comm, self._width
         if comm.size == 1:
             return x
@@ -99,7 +102,7 @@ class _RankSweeps:
 
 
 def _range_fault(patches: Patches | None, parts: int) -> str:
-    """Return an error message for part numbers out of range, or an empty text."""
+    """Return an error message if part numbers in patches are out of range, otherwise an empty text."""
     given = np.empty(0, np.int64) if patches is None else np.asarray(patches.parts)
     least, most = int(given.min(initial=0)), int(given.max(initial=-1))
     return (
@@ -115,7 +118,7 @@ def _memory(sweeps: Any) -> int:
 
 
 class LevelSweeps:
-    """Patches of a level on one rank, refactorised when the matrix changes."""
+    """Patch smoother of one multigrid level on one rank, factorised again when the matrix changes."""
 
     def __init__(self, patches: Patches | None, width: int) -> None:
         self._patches, self._width = patches, width
@@ -124,11 +127,11 @@ class LevelSweeps:
 
     @property
     def memory(self) -> int:
-        """Bytes of factors and matrices on this rank."""
+        """Memory of factors and matrices on this rank, in bytes."""
         return 0 if self._sweeps is None else self._sweeps.memory
 
     def of(self, A: Any) -> _RankSweeps:
-        """Return the sweeps through the patches of this rank. Collective."""
+        """Return the factorised patches of this rank for the matrix. Collective."""
         state = (A.handle, A.stateGet())
         if self._sweeps is None or state != self._state:
             self._sweeps, self._state = _RankSweeps(A, self._patches, self._width), state
@@ -136,7 +139,7 @@ class LevelSweeps:
 
 
 class PatchSweeps:
-    """Context of a ``PC`` with type ``python``: a forward or backward sweep.
+    """PETSc preconditioner (``PC`` of type ``python``) that applies one forward or backward patch sweep.
 
     Parameters
     ----------
@@ -154,11 +157,11 @@ class PatchSweeps:
         self.level.of(pc.getOperators()[1])
 
     def apply(self, pc: Any, x: Any, y: Any) -> None:
-        """Set y to the sweep from zero for the right-hand side x."""
+        """Set y to the result of one sweep with initial guess zero for the right-hand side x."""
         self._sweep(pc, x, y, backwards=self._backwards)
 
     def applyTranspose(self, pc: Any, x: Any, y: Any) -> None:  # PETSc's name
-        """Set y to the sweep from zero in the opposite order."""
+        """Set y to the result of one sweep in reverse order, with initial guess zero, for x."""
         self._sweep(pc, x, y, backwards=not self._backwards)
 
     def _sweep(self, pc: Any, x: Any, y: Any, *, backwards: bool) -> None:
@@ -168,7 +171,7 @@ class PatchSweeps:
 
 
 def require_width(width: int | None, smoother: str) -> int:
-    """Return the number of unknowns per part, or raise OptionError if parts differ."""
+    """Return the number of unknowns per part, or raise OptionError if it differs between parts."""
     if width is None:
         raise OptionError(f"smoother {smoother!r} needs equally many unknowns in all parts; use 'sor'")
     return width

@@ -1,4 +1,4 @@
-"""Share of a rank in a replicated mesh and hierarchy: its rows, aggregates and patches.
+"""One rank's share of a mesh and hierarchy known to all ranks: its rows, aggregates and patches.
 
 Cells are renumbered, rank by rank, by the agglomerates of the coarsest level, so that every agglomerate on
 every level is on one rank.
@@ -21,7 +21,7 @@ A larger value drops coarse levels earlier (benchmarks/petsc.py on four ranks)."
 
 @dataclass(frozen=True, eq=False)
 class RowShare:
-    """Share of one rank.
+    """One rank's share of a mesh and hierarchy: cells, aggregates and patches.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class RowShare:
     _rank: int
 
     def patches(self, level: int, whole: Patches) -> Patches:
-        """Return the level's patches whose first part this rank owns."""
+        """Return the patches of a level whose lowest part belongs to this rank."""
         parts = self._numbers[level][whole.parts]
         group = np.repeat(np.arange(len(whole)), np.diff(whole.offsets))
         least = np.full(len(whole), len(self._numbers[level]))
@@ -55,14 +55,14 @@ class RowShare:
 
 
 def usable_levels(labels: Sequence[Int], ranks: int) -> list[Int]:
-    """Return the levels with enough parts for all ranks, and in any case the first."""
+    """Return the finest level, and all others with enough parts for each rank."""
     if ranks == 1:
         return list(labels)
     return [each for k, each in enumerate(labels) if k == 0 or int(each.max()) + 1 >= _PARTS_PER_RANK * ranks]
 
 
 def row_share(labels: Sequence[Int], n_cells: int, rank: int, ranks: int) -> RowShare:
-    """Return the share of ``rank`` among ``ranks``.
+    """Divide the cells between ranks along agglomerates, and return the share of ``rank``.
 
     Parameters
     ----------

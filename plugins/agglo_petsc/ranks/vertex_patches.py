@@ -1,4 +1,4 @@
-"""Vertex patches of a distributed mesh: complete, each contributed by one rank."""
+"""Vertex patches of a distributed mesh: each is complete, and belongs to one rank."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ patch grow faster than its number of parts."""
 
 
 def patches_across(mesh: distributed.DistributedMesh, numbers: Int, bounds: Int) -> Patches:
-    """Return the patches around the vertices where parts meet. Collective.
+    """Return the patches, sets of parts around the vertices where parts meet. Collective.
 
     They agree with :func:`agglo_core.multigrid.vertex_patches`, except that at rank borders close vertices
     do not share a patch.
@@ -59,7 +59,7 @@ def patches_across(mesh: distributed.DistributedMesh, numbers: Int, bounds: Int)
 
 
 def _of_own_cells(mesh: distributed.DistributedMesh, numbers: Int) -> Patches:
-    """Return the patches among own cells, complete if all cells around a vertex are own."""
+    """Return the vertex patches of this rank's cells, without ghosts."""
     codes = 2 * np.asarray(numbers) + (mesh.owners != mesh.ranks.rank)  # odd: ghosts
     if not len(codes):
         return _join_patches([])
@@ -76,7 +76,7 @@ def _of_own_cells(mesh: distributed.DistributedMesh, numbers: Int) -> Patches:
 
 
 def _border_pairs(mesh: distributed.DistributedMesh, numbers: Int) -> Int:
-    """Return the points on rank borders, by global ids, with the parts of own cells around each."""
+    """Return the points on rank borders, as global ids, paired with the parts of own cells around them."""
     local = mesh.local
     is_own = mesh.owners == mesh.ranks.rank
     between = (local.face_cells[:, 1] >= 0) & (is_own[local.face_cells].sum(axis=1) == 1)
@@ -89,13 +89,13 @@ def _border_pairs(mesh: distributed.DistributedMesh, numbers: Int) -> Int:
 
 
 def _around_points(pairs: Any) -> Patches:
-    """Return the parts at each point, from sorted pairs."""
+    """Return the set of parts at each point, given sorted pairs of points and parts."""
     sizes = np.unique(pairs[0], return_counts=True)[1]
     return _select_patches(Patches(starts_of(sizes), frozen_int(pairs[1])), (sizes > 1) & (sizes <= _MOST))
 
 
 def _sort_patches(patches: Patches) -> Patches:
-    """Sort the parts of each patch, and sort the patches."""
+    """Sort the parts in each patch, and the patches lexicographically."""
     sizes = np.diff(patches.offsets)
     group = np.repeat(np.arange(len(patches)), sizes)
     parts = patches.parts[np.lexsort((patches.parts, group))]

@@ -1,1 +1,1 @@
-"""The solver petsc_mg, for a mesh on one rank and for distributed meshes."""
+"""The solver ``petsc_mg``, for a mesh on one process and for distributed meshes."""

@@ -1,4 +1,4 @@
-"""Solve diffusion on a distributed mesh: each rank assembles the rows of its own cells."""
+"""Solution of diffusion problems on distributed meshes, where each rank assembles the rows of its cells."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from agglo_petsc.ranks.vertex_patches import patches_across
 
 @dataclass(frozen=True, eq=False)
 class AcrossRanks:
-    """A solution on several ranks.
+    """Result of a solve on a distributed mesh: this rank's coefficients, and the history of the iteration.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class AcrossRanks:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Rows of the own cells, with global columns: cells are numbered rank after rank."""
+    """This rank's matrix rows and vectors, with cells numbered rank after rank."""
 
     A: Any
     b: Float
@@ -163,7 +163,7 @@ def solve_discretised(
     levels: int | None = None,
     progress: Listener | None = None,
 ) -> AcrossRanks:
-    """Solve like :func:`solve_across`, with any discretisation.
+    """Solve as :func:`solve_across` does, but with any discretisation.
 
     ``options`` are passed to :func:`~agglo_petsc.ksp.pcmg.setup`.
     """
@@ -213,7 +213,7 @@ def solve_discretised(
 def _assemble_own_rows(
     problem: Diffusion, mesh: distributed.DistributedMesh, discretisation: Discretisation, degree: int
 ) -> _Rows:
-    """Assemble the rows of own cells.
+    """Assemble the matrix rows of the cells owned by this rank.
 
     A second ghost layer gives the ghosts their neighbours, too: penalties depend on both cells.
     """
@@ -248,7 +248,7 @@ def _assemble_own_rows(
 def _levels(
     A: Any, rows: _Rows, hierarchy: distributed.DistributedHierarchy, count: int, *, patches: bool
 ) -> PetscLevels:
-    """Build the ``count`` finest levels, with parts possibly on other ranks than their cells."""
+    """Build the ``count`` finest multigrid levels, where parts may be on other ranks than their cells."""
     mesh = hierarchy.mesh
     rank = mesh.ranks.rank
     aggregates = [hierarchy.parents(k - 1) if k else hierarchy.levels[0] for k in range(count)]

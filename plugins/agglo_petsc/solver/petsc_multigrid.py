@@ -141,7 +141,7 @@ class PetscMultigrid:
         self.petsc_options = _options(petsc_options)
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
-        """Solve a problem on a hierarchy.
+        """Solve a problem on the mesh of a hierarchy, with its levels as multigrid levels.
 
         ``converged`` and ``reason`` of the solution state the outcome, ``choice`` describes the levels.
 
@@ -191,7 +191,7 @@ class PetscMultigrid:
         hierarchy: distributed.DistributedHierarchy,
         progress: Listener | None = None,
     ) -> AcrossRanks:
-        """Solve on a mesh distributed over ranks. Collective.
+        """Solve a diffusion problem on a mesh distributed over ranks. Collective.
 
         Raises
         ------
@@ -223,7 +223,7 @@ class PetscMultigrid:
         )
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
-        """Return one cycle ``(n, n)``, symmetric.
+        """Return one multigrid cycle as a symmetric linear operator ``(n, n)``.
 
         Raises
         ------
@@ -254,7 +254,7 @@ class PetscMultigrid:
         return PETSc.COMM_SELF if self.ranks == "one" else PETSc.COMM_WORLD
 
     def _set_up(self, system: PosedSystem, comm: Any) -> tuple[SystemOnRanks, Any]:
-        """Return the distributed system, and a ``KSP`` set up for it."""
+        """Distribute a system over ranks, and set up a ``KSP`` for it."""
         rank_system, ksp = on_ranks(system, comm, self.coarsening, self.smoother), petsc().KSP().create(comm)
         ksp.setOptionsPrefix(f"agglo_petsc_mg_{next(_SOLVES)}_")
         ksp.setOperators(rank_system.A)
@@ -283,7 +283,7 @@ def _is_integer_from(value: Any, least: int) -> bool:
 
 
 def _options(options: str | Mapping[str, Any]) -> dict[str, str]:
-    """Parse PETSc options, and refuse options that correspond to a solver option."""
+    """Parse PETSc options, and raise OptionError for options that have a counterpart in this solver."""
     values = parse_options(options)
     for petsc_name, option_name in _OURS.items():
         if petsc_name in values:

@@ -1,4 +1,4 @@
-"""Prepare problems for PETSc: matrix, right-hand side, near-null vectors, level labels."""
+"""Preparation of problems for PETSc: matrix, right-hand side, near-null vectors, level labels."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ solver, a smaller value adds levels."""
 
 @dataclass(frozen=True, eq=False)
 class PosedSystem:
-    """A system A x = b, with data to build levels.
+    """A linear system A x = b, with labels and near-null vectors to build multigrid levels.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class PosedSystem:
 def pose_system(
     problem: Problem, hierarchy: Hierarchy, how: Discretisation, degree: int, levels: int | None
 ) -> PosedSystem:
-    """Prepare a problem on the mesh of a hierarchy.
+    """Assemble the linear system of a problem on the mesh of a hierarchy, with data to build levels.
 
     Raises
     ------
@@ -135,14 +135,14 @@ def _pose_linear(problem: Linear, hierarchy: Hierarchy, levels: int | None) -> P
 
 
 def _select_levels(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
-    """Return the labels for the requested number of levels, the mesh included."""
+    """Return the labels of the finest levels, for a requested number of levels including the mesh."""
     if levels is not None and levels > len(hierarchy.levels) + 1:
         raise OptionError(f"levels = {levels}, but with the mesh there are {len(hierarchy.levels) + 1}")
     return list(hierarchy.levels)[: None if levels is None else levels - 1]
 
 
 def _build_levels(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
-    """Build default levels, with 8 cells per part, and 8 parts per part on the next level."""
+    """Agglomerate the mesh by default: 8 cells per part, and 8 parts per part of the next level."""
     n, sizes = hierarchy.graph.n, list[int]()
     while n // _CELLS_PER_PART ** (len(sizes) + 1) >= _FEWEST:
         sizes.append(_CELLS_PER_PART ** (len(sizes) + 1))
@@ -158,7 +158,7 @@ def _build_levels(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
 def solution_of(
     system: PosedSystem, history: History, operators: Any, watch: solvers.Stopwatch, tolerance: float
 ) -> Solution:
-    """Return the solution for a history, with phase times from ``watch``.
+    """Return the solution object for an iteration history, with run times from ``watch``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Distribute a system over the ranks of a communicator, and build its levels."""
+"""Distribution of a linear system over the ranks of a communicator, and its multigrid levels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COARSENINGS: Final = ("auto", "agglomerates", "matrix")
 
 @dataclass(frozen=True, eq=False)
 class SystemOnRanks:
-    """PETSc matrix, right-hand side and levels, with the old numbers ``rows (n,)``."""
+    """Distributed matrix, right-hand side and levels, with the original row numbers ``rows (n,)``."""
 
     A: Any
     b: Any
@@ -29,14 +29,14 @@ class SystemOnRanks:
     choice: str
 
     def gathered(self, own: Float) -> Float:
-        """Gather a vector ``(n,)`` in the old order on all ranks, from the entries of each."""
+        """Collect a distributed vector on all ranks ``(n,)``, in the original order."""
         whole = np.empty(len(self.rows))
         whole[self.rows] = np.concatenate(self.A.getComm().tompi4py().allgather(own))
         return frozen_float(whole)
 
 
 def on_ranks(system: PosedSystem, comm: Any, coarsening: Coarsening, smoother: Smoother) -> SystemOnRanks:
-    """Distribute a replicated system over the ranks, and build its levels. Collective.
+    """Distribute a system known to all ranks between them, and build its levels. Collective.
 
     Raises
     ------
@@ -76,14 +76,14 @@ def on_ranks(system: PosedSystem, comm: Any, coarsening: Coarsening, smoother: S
 
 
 def _unknowns(offsets: Int, cells: Int) -> Int:
-    """Return the unknowns of some cells, cell by cell."""
+    """Return the indices of the unknowns of some cells, cell by cell."""
     sizes = np.diff(offsets)[cells]
     first = np.concatenate(([0], np.cumsum(sizes)))
     return frozen_int(np.repeat(offsets[cells] - first[:-1], sizes) + np.arange(first[-1]))
 
 
 def _renumber_columns(rows: Any, place: Int) -> Any:
-    """Return the rows with renumbered columns."""
+    """Return matrix rows with column j renumbered to ``place[j]``."""
     renumbered_rows = rows.copy()
     renumbered_rows.indices = place[rows.indices].astype(rows.indices.dtype)
     renumbered_rows.has_sorted_indices = False
@@ -98,7 +98,7 @@ def _width(offsets: Int) -> int | None:
 def _patches(
     system: PosedSystem, labels: list[Int], share: RowShare, smoother: Smoother
 ) -> list[Patches | None] | None:
-    """Return the vertex patches of each smoothed level.
+    """Return the vertex patches of each level, or None if the smoother uses none.
 
     In 3-D sweeps visit single parts, unless patches are requested: their matrices are large there.
     """
@@ -125,5 +125,5 @@ def _from_matrix(system: PosedSystem) -> PetscLevels:
 
 
 def _no_smoother(A: Any, block_offsets: Int, dtype: Any) -> Any:
-    """Return None, because PETSc smooths."""
+    """Return None, because PETSc provides the smoother."""
     return None
