@@ -68,7 +68,7 @@ def _principal_axes(points, corners, m, centre, moments, axes):
 
 @helper
 def _describe(corners, t, table, i):
-    """Write frame and shape of a triangle to column i of the table, or return False if it is degenerate."""
+    """Write frame and shape of a triangle to the table at offset i, or return False if it is degenerate."""
     # 1. Sides ab and ac, and the normal, whose length is twice the area.
     ax, ay, az = corners[t, 0], corners[t, 1], corners[t, 2]
     ux, uy, uz = corners[t, 3] - ax, corners[t, 4] - ay, corners[t, 5] - az

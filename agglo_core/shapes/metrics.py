@@ -131,7 +131,7 @@ class CentredCircleRatio:
 
 
 class DiameterRatio:
-    """Diameter over the requested size.
+    """Diameter of the agglomerate over a requested size.
 
     Parameters
     ----------

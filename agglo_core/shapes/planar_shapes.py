@@ -65,7 +65,7 @@ def one_hull(points, order, start, stop, hull, top):
 
 @kernel
 def convex_hulls(points, offsets, vertices):
-    """Return the convex hull areas, and the hulls as CSR (offsets, vertices), counter-clockwise.
+    """Return areas of the cells' convex hulls, and the hulls as CSR (offsets, vertices), counter-clockwise.
 
     Cell c has ``vertices[offsets[c]:offsets[c + 1]]``, in any order, possibly repeated.
     """

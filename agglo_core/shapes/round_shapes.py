@@ -76,7 +76,7 @@ class IsoperimetricQuotient:
 
 
 def _unit_ball(d: int) -> float:
-    """Return the measure of the unit ball: π, 4π/3."""
+    """Return the measure of the unit ball in d dimensions: π or 4π/3."""
     return float(pi ** (d / 2.0) / gamma(d / 2.0 + 1.0))
 
 

@@ -40,7 +40,7 @@ class Convexity:
 
 
 class StarShapedness:
-    """Area (3-D: volume) of the kernel over total area (volume).
+    """Area (3-D: volume) of the kernel of star-shapedness over total area (volume).
 
     The kernel is the set of points that see the whole agglomerate. The value is 0 for agglomerates that are
     not star-shaped, for example due to holes, cavities, loose parts or parts that only touch.
@@ -82,7 +82,7 @@ class BoxRatio:
 
 
 class EdgeRatio:
-    """Shortest over longest straight boundary edge.
+    """Length ratio of the shortest to the longest straight boundary edge.
 
     Collinear fine edges (bent by less than 1e-8 rad) count as one edge, so that the value describes the
     agglomerate and not the cells along its boundary. Inner boundaries also count.
@@ -181,7 +181,7 @@ def _edges(points: Float, loops: Loops) -> tuple[Float, Float]:
 
 
 def _corners(mesh: Mesh) -> Loops:
-    """Return the boundary loops without vertices where the boundary is straight."""
+    """Return the boundary loops of all cells, without vertices where the boundary is straight."""
     loops = mesh.boundary_loops
     x, y = _edges(mesh.local_points, loops)
     before = np.arange(-1, len(x) - 1)
