@@ -212,7 +212,7 @@ def box(cells, vertex_offsets, vertices, points, low, high):
 
 @kernel
 def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, limits):
-    """Return diameters or bounds of them that compare correctly to each of the ascending ``limits``.
+    """Return block diameters, or bounds that compare in the same way to each of the ascending ``limits``.
 
     The value is exact near a limit, elsewhere a lower bound, or infinite above the last limit. This is many
     times faster than ``block_diameters``, as most blocks of a recursion are much larger than its targets.

@@ -39,7 +39,7 @@ def _near_earlier(x, indptr, indices, labels):
 
 @helper
 def _meets_earlier(x, indptr, indices, labels, marks, queue, budget):
-    """Search the part of cell x for a connected cell before x, and return success and edge budget.
+    """Search the part of cell x for a connected cell before x, and return success and remaining budget.
 
     The search fails when the ``budget`` is negative. Marks of other searches differ from x.
     """
