@@ -43,7 +43,7 @@ class _Quick:
 
 
 def look_ahead(level: Graph, quick: Callable[[Graph], Int], count: int, h_star: float) -> Int:
-    """Return the sides ``(n,)`` of the candidate cut of each block that finally leads to fewest parts.
+    """Return the sides ``(n,)`` of each block's candidate cut that finally leads to the fewest parts.
 
     Candidates are the cut of ``quick`` and the best thresholds along axes at equal angles from the
     principal axis, refined and connected. Each side is then split by ``quick`` until no part exceeds
