@@ -119,7 +119,7 @@ def _path(axis: Any, lines: Iterable[Float], rasterized: bool, **style: Any) -> 
 
 
 def draw_boxes(plan: Plan, results: Results, sources: Mapping[str, str], convention: str, path: Path) -> None:
-    """Draw box plots of UF (above) and CRc (below) over the agglomerates, one column per mesh."""
+    """Draw box plots of uniformity factor (above) and centred circle ratio (below), one column per mesh."""
     strategies = _shown_strategies(plan)
     with picture((0.4 * len(strategies) * len(sources) + 1.5, 5.0), path) as figure:
         panels = figure.subplots(2, len(sources), squeeze=False, sharey=True)

@@ -36,7 +36,7 @@ def authors_units(plan: Plan, source: str) -> Iterator[Unit]:
 
 
 def authors_table(plan: Plan, results: Results, source: str, name: str) -> Table:
-    """Return the table of K / UF / CR / CRc for the authors' files and for `gnn`."""
+    """Return the table of part count, uniformity factor, circle ratios for the authors' files and `gnn`."""
     gnn, rows = _ours(plan), []
     for row, (key, mesh, convention) in _cases(source).items():
         authors = published_values()["authors"][key]

@@ -78,7 +78,7 @@ def page(plan: Plan, results: Results) -> Page:
 
 
 def _claim(plan: Plan, results: Results) -> Table:
-    """Return the table of time ratios that the paper claims: METIS and k-means to the network, 5000 cells."""
+    """Return ratios of METIS and k-means run times to the network's, as the paper claims for 5000 cells."""
     # 1. Median times at the largest size up to 5000 cells
     at = max(n for n in plan.cells if n <= _AT)
     lines = curves(plan, results, "bisection")

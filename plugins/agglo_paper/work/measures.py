@@ -44,7 +44,10 @@ FRESH: Final = (0, 1, 2, 3)
 def measure(
     source: str, convention: str, strategy: Mapping[str, Any], numbering: int = 0, seed: int = 0
 ) -> dict[str, Any]:
-    """Agglomerate a mesh, and measure the shapes: K, mean diameter over h*, UF, CR and CRc."""
+    """Agglomerate a mesh, and measure the parts: count K, diameter over h*, UF, CR and CRc.
+
+    UF is the uniformity factor, CR the circle ratio, and CRc the circle ratio about the centroid.
+    """
     mesh = load(source, numbering)
     mesh_targets = targets(mesh, source, convention)
     labels = Strategy(**strategy).run(mesh, mesh_targets, seed).levels[0]

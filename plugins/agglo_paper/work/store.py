@@ -1,4 +1,4 @@
-"""Units of work, and a store for their results from which an interrupted run resumes."""
+"""Computations as units of work, and a store for their results from which an interrupted run resumes."""
 
 from __future__ import annotations
 
