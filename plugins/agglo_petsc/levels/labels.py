@@ -11,7 +11,7 @@ from agglo_core.authoring import Int, OptionError, frozen_int, multigrid
 
 
 def nested_aggregates(labels: Sequence[Int]) -> list[Int]:
-    """Return the aggregate of each cell, then of each part per level, from labels ``(n_cells,)``.
+    """Convert nested labels ``(n_cells,)`` to the aggregate of each cell, then of each part per level.
 
     Labels are ordered finest first.
 
@@ -82,7 +82,7 @@ def labels_of_unknowns(
 
 
 def _of_most(rows: Int, parts: Int) -> Int:
-    """Return the most frequent of the parts paired with each row 0..n−1."""
+    """Return for each unknown 0..n−1 the part with most of its cells."""
     pairs, counts = np.unique(np.stack((rows, parts), axis=1), axis=0, return_counts=True)
     order = np.lexsort((pairs[:, 1], -counts, pairs[:, 0]))
     return frozen_int(pairs[order[np.unique(pairs[order, 0], return_index=True)[1]], 1])

@@ -80,7 +80,7 @@ def bases_where_owned(comm: Any, holder: Any, count: int, near_null: Float) -> O
 
 
 def _rows(answers: Any, sent_rows: Any, n: int, total: int) -> Any:
-    """Assemble prolongation rows, received from the owners of the aggregates, to a matrix."""
+    """Assemble prolongation rows, received from the owners of the aggregates, into a matrix."""
     places = [np.repeat(sent_rows[rank], counts) for rank, (counts, _, _) in answers.items()]
     rows, columns, data = (
         np.concatenate([np.empty(0, kind), *arrays])

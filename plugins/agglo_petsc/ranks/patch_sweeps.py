@@ -161,7 +161,7 @@ class PatchSweeps:
         self._sweep(pc, x, y, backwards=self._backwards)
 
     def applyTranspose(self, pc: Any, x: Any, y: Any) -> None:  # PETSc's name
-        """Set y to the result of one sweep in reverse order, with initial guess zero, for x."""
+        """Set y to the result of one reversed sweep with initial guess zero for the right-hand side x."""
         self._sweep(pc, x, y, backwards=not self._backwards)
 
     def _sweep(self, pc: Any, x: Any, y: Any, *, backwards: bool) -> None:
