@@ -160,7 +160,7 @@ def apart(edges, start, stop, x, y, sx, sy):
 
 @helper(allocates=True)
 def list_near_edges(edges, start, stop, limit, top):
-    """Copy the edges near a point to table columns from ``top`` on, if at most half of the edges are near.
+    """Copy the edges near a point to columns from ``top`` on, if at most half of all edges are near.
 
     Near edges have a squared distance of at most ``limit``, as computed by :func:`nearest_edge`. Returns the
     table, enlarged if it was full, and the column range of the list: the copies, or all edges as before if
