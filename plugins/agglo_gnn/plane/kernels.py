@@ -155,7 +155,7 @@ class PlaneWork(NamedTuple):
 
 @helper
 def number_cells(pieces, lo, hi):
-    """Number the cells of a piece within it (second column of the marks), and assign all to the left side."""
+    """Number the cells of a piece (second column of the marks), and assign all to the left side."""
     cells, tag, marks = pieces
     left_tag, _ = piece_splits.side_tags(lo, hi)
     start = np.uint64(lo)
