@@ -171,7 +171,7 @@ def _square(rows: tuple[Any, Any, Any], places: Int, columns: Int, n: int, width
 def _tellers(
     comm: Any, starts: Int, changed: Int, copied: Mapping[int, Int]
 ) -> tuple[dict[int, Int], dict[int, Int]]:
-    """Return per other rank the parts changed here that it holds, and the parts held here that it changes.
+    """Return per other rank the parts changed here that it holds, and held here that it changes.
 
     The owner of a part sends the list of its copies to the ranks that change the part.
     """
