@@ -1,4 +1,4 @@
-"""Multigrid on agglomerates: level stacks, cycles, and their components."""
+"""Multigrid methods on agglomerates: levels, cycles, and their components."""
 
 from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver, direct_solver, symmetric_lu
 from agglo_core.multigrid.coarsening.aggregation import aggregation_stack, blockwise, pointwise

@@ -1,4 +1,4 @@
-"""Coarse operators: matrices of coarse levels."""
+"""Coarse operators: the matrices of coarse levels."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from agglo_core.problems import Coarsening
 
 
 class Galerkin:
-    """Galerkin operator Pᵀ A P: coarse corrections are optimal in the energy norm."""
+    """Galerkin operator Pᵀ A P, with coarse corrections that are optimal in the energy norm."""
 
     def coarse_matrix(self, step: Coarsening, P: Any) -> Any:
-        """Return the matrix ``(m, m)``."""
+        """Return the coarse matrix Pᵀ A P ``(m, m)``."""
         return galerkin(step.A, P)
 
 
 class Rediscretised:
-    """Rediscretisation on the agglomerates, with their own sizes and penalty."""
+    """Matrix of a new discretisation on the agglomerates, with penalties for their sizes."""
 
     def coarse_matrix(self, step: Coarsening, P: Any) -> Any:
-        """Return the matrix ``(m, m)``.
+        """Return the matrix ``(m, m)`` of the problem discretised on the agglomerates.
 
         Raises
         ------

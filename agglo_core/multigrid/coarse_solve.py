@@ -58,7 +58,7 @@ def direct_solver(A: Any, dtype: Any = np.float64, dense: int = 1500) -> Solve:
 
 
 class _ByInverse:
-    """Multiplication by an inverse."""
+    """Solver that multiplies the right-hand side by a stored inverse."""
 
     def __init__(self, inverse: Real) -> None:
         self.inverse = inverse
@@ -68,7 +68,10 @@ class _ByInverse:
 
 
 class _ByFactors:
-    """Solution by sparse factors, recomputed after unpickling, because SuperLU objects cannot be pickled."""
+    """Solver by stored sparse factors, which are recomputed after unpickling.
+
+    SuperLU objects cannot be pickled.
+    """
 
     def __init__(self, M: Any, dtype: Any) -> None:
         self.M, self.dtype = M, dtype
@@ -92,7 +95,7 @@ class _ByFactors:
 
 
 class _ScaledFactors(_ByFactors):
-    """Solution by the factors of a matrix scaled to unit diagonal, shifted if singular."""
+    """Solver by sparse factors of the matrix scaled to unit diagonal, and shifted by 1e-11 if singular."""
 
     def __init__(self, M: Any, scale: Float, dtype: Any) -> None:
         self.scale, self.regular = scale, True
@@ -117,7 +120,9 @@ class _ScaledFactors(_ByFactors):
 
 
 def dense_solve(A: Any, dtype: Any = np.float64) -> Solve:
-    """Return a solver by the inverse, from a dense Cholesky factorisation, for up to about 1,500 unknowns.
+    """Return a function that multiplies by the inverse, from a dense Cholesky factorisation.
+
+    Suitable for up to about 1,500 unknowns.
 
     The matrix is first scaled to unit diagonal. For a matrix semidefinite to rounding, with an inverse of
     trace above 1 / (n · 3e-15), the pseudo-inverse of the scaled matrix is used: eigenvalues below n · 3e-15
@@ -142,7 +147,7 @@ def dense_solve(A: Any, dtype: Any = np.float64) -> Solve:
 
 
 def _to_unit_diagonal(A: Any) -> Float:
-    """Return the scaling factors ``(n,)`` of rows and columns to unit diagonal."""
+    """Return factors ``(n,)`` for rows and columns that scale the diagonal of a matrix to 1."""
     n, diagonal = A.shape[0], A.diagonal()
     if not np.isfinite(A.data).all():
         raise np.linalg.LinAlgError(f"the matrix to be factorised ({n} rows) has entries that are not finite")
@@ -155,7 +160,7 @@ def _to_unit_diagonal(A: Any) -> Float:
 
 
 def _inverse(A: Float) -> Float:
-    """Return the inverse or pseudo-inverse of a matrix with unit diagonal."""
+    """Return the inverse of a matrix with unit diagonal, or the pseudo-inverse if it is nearly singular."""
     least = len(A) * _ROUNDING
     factor, info = dpotrf(A, lower=1)
     if not info:
@@ -173,7 +178,7 @@ def _inverse(A: Float) -> Float:
 
 
 def lu_solve(A: Any, dtype: Any = np.float64) -> Solve:
-    """Return a solver by sparse LU factorisation in double precision (SuperLU).
+    """Return a function that solves A x = b by sparse LU factors in double precision (SuperLU).
 
     Right-hand sides may be in single precision.
 
@@ -213,7 +218,10 @@ class Elimination:
     """Direct solver by an inverse for up to 1,500 unknowns, else by factorisation: :func:`direct_solver`."""
 
     def solver_for(self, A: Any) -> Solve:
-        """Return a function that solves A x = b, with errors as :func:`direct_solver`."""
+        """Return a function that solves A x = b.
+
+        Exceptions are those of :func:`direct_solver`.
+        """
         return direct_solver(A)
 
 
@@ -221,7 +229,10 @@ class Dense:
     """Direct solver by a dense inverse: :func:`dense_solve`."""
 
     def solver_for(self, A: Any) -> Solve:
-        """Return a function that solves A x = b, with errors as :func:`dense_solve`."""
+        """Return a function that solves A x = b.
+
+        Exceptions are those of :func:`dense_solve`.
+        """
         return dense_solve(A)
 
 
@@ -229,7 +240,10 @@ class SparseLU:
     """Direct solver by a sparse LU factorisation of SuperLU: :func:`lu_solve`."""
 
     def solver_for(self, A: Any) -> Solve:
-        """Return a function that solves A x = b, with errors as :func:`lu_solve`."""
+        """Return a function that solves A x = b.
+
+        Exceptions are those of :func:`lu_solve`.
+        """
         return lu_solve(A)
 
 
@@ -242,7 +256,7 @@ COARSE_SOLVERS: Final[Mapping[str, Callable[[Any, Any], Solve]]] = {
 
 
 def coarse_solver(given: str | Callable[[Any], Solve], A: Any, dtype: Any = np.float64) -> Solve:
-    """Return a solver for the coarsest level, in the precision of the stack.
+    """Return a solver for the coarsest level, for vectors of the precision ``dtype``.
 
     Parameters
     ----------
@@ -281,7 +295,7 @@ def coarse_solver(given: str | Callable[[Any], Solve], A: Any, dtype: Any = np.f
 
 
 class _InDouble:
-    """Adapter of a solver in double precision to the precision of a stack."""
+    """Solver in double precision, called with vectors of another precision."""
 
     def __init__(self, solve: Solve, dtype: Any) -> None:
         self.solve, self.dtype = solve, dtype

@@ -1,4 +1,4 @@
-"""Multigrid methods composed of named parts: transfer, coarse operator, smoother, coarse solver."""
+"""Multigrid methods composed of named components: transfer, coarse operator, smoother, coarse solver."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _COARSE_SOLVERS: Final[Mapping[str, Callable[[], Any]]] = MappingProxyType(
 
 
 class Composition:
-    """Parts of a multigrid method, each given by name, as object, or as function.
+    """Multigrid method composed of four components, each given by name, as object, or as function.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class Composition:
         corrections: bool = True,
         tell: Tell = to_nobody,
     ) -> LevelStack:
-        """Build the levels of a system on agglomerates, for cycles in double precision.
+        """Build the multigrid levels of a linear system on agglomerates, for cycles in double precision.
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ class Composition:
         return LevelStack(levels, self._solver(A))
 
     def _space(self, step: Coarsening) -> CoarseSpace:
-        """Return the checked coarse space of a transfer, with its blocks."""
+        """Compute the coarse space by the transfer, and check its prolongation and block offsets."""
         with _attribute_errors(self.transfer):
             made = self.transfer.tool.prolongation(step)
             space = made if isinstance(made, CoarseSpace) else CoarseSpace(made)
@@ -193,7 +193,7 @@ class Composition:
         return CoarseSpace(P, frozen_int(offsets), space.near_null)
 
     def _matrix(self, step: Coarsening, space: CoarseSpace) -> Any:
-        """Return the coarse matrix in blocks."""
+        """Compute the coarse matrix by the coarse operator, check it, and convert it to blocks."""
         m = space.P.shape[1]
         with _attribute_errors(self.coarse_operator):
             made = self.coarse_operator.tool.coarse_matrix(step, space.P)
@@ -220,7 +220,7 @@ class Composition:
 
 
 def _solution(member: Member, solve: Solve, b: Real) -> Real:
-    """Return the checked result of a coarse-level solver."""
+    """Solve with a coarse-level solver, and raise PluginError for a result of wrong shape or type."""
     with _attribute_errors(member):
         x: Real = np.asarray(solve(b))
         if x.shape != b.shape or x.dtype.kind != "f":
@@ -239,7 +239,7 @@ def _title(kind: str, choice: Any) -> str:
 
 
 def _attribute_errors(member: Member) -> Any:
-    """Return a context manager that names the owner of errors, except for errors of agglo."""
+    """Return a context manager that adds a component's name to exceptions, except to those of agglo."""
     return attributed(member.title, spare=(AggloError, np.linalg.LinAlgError))
 
 
@@ -255,13 +255,13 @@ def _check_level_lists(labels: Sequence[Int], n: int, *sequences: Sequence[Any] 
 
 
 def _injection(parent_of: Int | None, offsets: Int) -> Any:
-    """Return the default injection of a system, or None for variable blocks or missing parents."""
+    """Return the default prolongation by injection, or None if block sizes vary or levels are not nested."""
     sizes = np.diff(offsets)
     return None if parent_of is None or sizes.min() != sizes.max() else injection(parent_of, int(sizes[0]))
 
 
 def _correction(P: Any, solve: Solve) -> Callable[[Float], Float]:
-    """Return the map P B⁻¹ Pᵀ, with ``solve`` for B⁻¹."""
+    """Return the coarse correction P B⁻¹ Pᵀ as a function, with ``solve`` for B⁻¹."""
     return partial(_apply_correction, P, solve, sparse.csr_array(P.T))
 
 
@@ -270,7 +270,10 @@ def _apply_correction(P: Any, solve: Solve, PT: Any, r: Float) -> Float:
 
 
 def _check_matrix(title: str, result: Any, shape: tuple[int, int | None]) -> Any:
-    """Return a real sparse matrix by rows or in blocks, with any number of columns for None."""
+    """Return a matrix in CSR or BSR format, or raise PluginError unless it is real, finite and of this shape.
+
+    None in the shape stands for any number of columns.
+    """
     rows, columns = shape
     fits = sparse.issparse(result) and result.dtype.kind in "fiu" and result.shape[0] == rows
     if not fits or columns not in (None, result.shape[1]):

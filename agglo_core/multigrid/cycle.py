@@ -20,7 +20,7 @@ _NEXT = {"V": ("V",), "W": ("W", "W"), "F": ("F", "V"), "K": ("K",)}
 
 
 def cycle(stack: LevelStack, kind: Kind = "V") -> LinearOperator:
-    """Return a cycle from zero as an approximate inverse of the finest matrix.
+    """Return a multigrid cycle from the iterate 0 as an approximate inverse of the finest matrix.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def cycle(stack: LevelStack, kind: Kind = "V") -> LinearOperator:
 
 
 def _apply_cycle(stack: LevelStack, kind: Kind, r: Any) -> Any:
-    """Apply a cycle to a residual, scaled to a largest entry of 1 for stacks in single precision."""
+    """Apply a cycle to a residual, scaled to maximum norm 1 to stay in the range of single precision."""
     residual = np.asarray(r, dtype=np.float64).ravel()
     size = max(float(residual.max(initial=0.0)), -float(residual.min(initial=0.0)))
     if not size > 0.0 or not np.isfinite(size):
@@ -71,18 +71,18 @@ def _apply_cycle(stack: LevelStack, kind: Kind, r: Any) -> Any:
 
 
 def _apply_scaled(forth: Any, back: Any, apply: Callable[[Any], Any], r: Any) -> Any:
-    """Apply the cycle of a scaled matrix to the unscaled matrix."""
+    """Apply the cycle for a scaled matrix T A Tᵀ as a preconditioner of A."""
     return back @ apply(forth @ np.asarray(r, dtype=np.float64).ravel())
 
 
 def _product(T: Any) -> Any:
-    """Prepare a matrix for many products, in small blocks if possible."""
+    """Prepare a matrix for many products with vectors, by compiled kernels if it has small square blocks."""
     ready = fast_product(T)
     return sparse.csr_array(T) if ready is T else ready
 
 
 def _solve_level(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
-    """Return an approximate solution of A x = b on a level."""
+    """Solve A x = b approximately by a cycle that begins on the given multigrid level."""
     level = stack.levels[at]
     if level.smoother is None:
         return stack.coarse(b)
@@ -92,7 +92,7 @@ def _solve_level(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
 
 
 def _coarse_correction(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
-    """Return the coarse correction, by a cycle for each visit of the level."""
+    """Compute the coarse correction, with one cycle for each visit of the coarser level."""
     level = stack.levels[at]
     if level.smoother is None:
         return stack.coarse(b)

@@ -1,4 +1,4 @@
-"""Protocols of the parts of a multigrid method, and their choice by name."""
+"""Protocols of the components of a multigrid method, and their choice by name."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Transfer(Protocol):
 
 @runtime_checkable
 class CoarseOperator(Protocol):
-    """Coarse matrix of a level.
+    """Component that computes the matrix of a coarse level.
 
     Examples
     --------
@@ -73,11 +73,11 @@ class CoarseSolver(Protocol):
     """
 
     def solver_for(self, A: Any) -> Solve:
-        """Return a function from b ``(n,)`` to x with A x = b, or raise LinAlgError."""
+        """Return a function from b ``(n,)`` to x with A x = b, or raise LinAlgError for an unsuitable A."""
 
 
 def part(kind: str, given: Any, own: Mapping[str, Callable[[], Any]], registry: Registry | None) -> Member:
-    """Return the component for a choice, with its title in errors.
+    """Return the component for a name, object or function, with its title for error messages.
 
     Parameters
     ----------

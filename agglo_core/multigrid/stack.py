@@ -56,13 +56,16 @@ class LevelSmoother(Protocol):
         ...
 
     def after(self, b: Real, x: Real) -> Real:
-        """Return an improved x for A x = b. The given array may be modified."""
+        """Return x after post-smoothing for A x = b.
+
+        The given array may be modified.
+        """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Level(FieldState):
-    """Level with its matrix and, except for the coarsest, the transfer to the next coarser level.
+    """Multigrid level: its matrix and, except on the coarsest, the transfer to the next coarser level.
 
     Attributes
     ----------
@@ -124,7 +127,7 @@ class Level(FieldState):
 
     @cached_property
     def _columns(self) -> tuple[Any, tuple[Any, ...]] | None:
-        """Kernels and arrays for a P in blocks of one column, or None for another P."""
+        """Compiled products and arrays for a P in blocks of one column, or None for any other P."""
         P = self.P
         if P.format != "bsr" or P.blocksize[1] != 1 or P.indptr[-1] >= np.iinfo(np.int32).max:
             return None
@@ -181,19 +184,19 @@ class LevelStack:
 
     @property
     def operator_complexity(self) -> float:
-        """Matrix entries of all levels divided by finest entries."""
+        """Matrix entries of all levels divided by those of the finest level."""
         entries = [level.A.nnz for level in self.levels]
         return float(sum(entries) / entries[0])
 
     @property
     def grid_complexity(self) -> float:
-        """Unknowns of all levels divided by finest unknowns."""
+        """Unknowns of all levels divided by those of the finest level."""
         unknowns = [level.A.shape[0] for level in self.levels]
         return float(sum(unknowns) / unknowns[0])
 
     @property
     def table(self) -> LevelTable:
-        """Unknowns, entries and smoother of each level."""
+        """Table of unknowns, matrix entries and smoother of each level."""
         smoothers = [type(level.smoother).__name__ if level.smoother else "direct" for level in self.levels]
         matrices = [level.A for level in self.levels]
         return LevelTable([A.shape[0] for A in matrices], [A.nnz for A in matrices], smoothers)
@@ -203,7 +206,7 @@ class LevelStack:
 
     @property
     def memory(self) -> int:
-        """Bytes of matrices and smoother data, with each array counted once."""
+        """Memory of matrices and smoothers in bytes, with each array counted once."""
         sizes: dict[int, int] = {}
         for level in self.levels:
             _weigh((level.A, level.P, level.smoother), sizes)
@@ -211,7 +214,7 @@ class LevelStack:
 
 
 def _weigh(thing: Any, sizes: dict[int, int], depth: int = 4) -> None:
-    """Record the bytes of each array in an object, a few attributes deep."""
+    """Record the size in bytes of each array in an object, to a small depth of attributes."""
     if isinstance(thing, np.ndarray):
         base = thing if thing.base is None else thing.base
         sizes[id(base)] = getattr(base, "nbytes", thing.nbytes)

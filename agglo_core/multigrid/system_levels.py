@@ -1,4 +1,4 @@
-"""Multigrid for a matrix: levels built once, for solves and preconditioning."""
+"""Multigrid for a matrix: levels built once, for repeated solves and as a preconditioner."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def is_classical(system: System) -> bool:
 
 
 def stack_of_system(system: System, labels: Sequence[Int] = (), dtype: Any = np.float64) -> LevelStack:
-    """Build the levels of a system: classical, or by aggregation for blocks and near-null vectors.
+    """Build the levels of a linear system: classical, or by aggregation for blocks and near-null vectors.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def stack_of_system(system: System, labels: Sequence[Int] = (), dtype: Any = np.
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SystemLevels:
-    """Levels of a matrix, for repeated solves and as a preconditioner.
+    """Multigrid levels of a matrix, for repeated solves and as a preconditioner.
 
     Attributes
     ----------
@@ -168,14 +168,14 @@ class SystemLevels:
 
     @property
     def table(self) -> LevelTable:
-        """Unknowns, entries and smoother of each level."""
+        """Table of unknowns, matrix entries and smoother of each level."""
         return self.stack.table
 
     def __repr__(self) -> str:
         return repr(self.table)
 
     def aspreconditioner(self, kind: Kind = "V") -> LinearOperator:
-        """Return a cycle ``(n, n)`` of kind "V", "W", "F" or "K". V and W are symmetric."""
+        """Return a multigrid cycle ``(n, n)`` of kind "V", "W", "F" or "K". V and W are symmetric."""
         return cycle(self.stack, kind)
 
     def solve(

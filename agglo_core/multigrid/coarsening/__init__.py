@@ -1,1 +1,1 @@
-"""Coarse spaces from a matrix: aggregates, coarse points, prolongations."""
+"""Coarse spaces computed from a matrix: aggregates, coarse unknowns, prolongations."""

@@ -61,7 +61,7 @@ Larger: fewer iterations, but more memory and time per iteration.
 
 
 def pointwise(A: Any, block_offsets: Int, dtype: Any) -> LevelSmoother:
-    """Return Gauss–Seidel over single unknowns, whatever the parts.
+    """Return a Gauss–Seidel smoother over single unknowns, whatever the division into parts.
 
     Examples
     --------
@@ -77,7 +77,7 @@ def pointwise(A: Any, block_offsets: Int, dtype: Any) -> LevelSmoother:
 
 
 def blockwise(A: Any, block_offsets: Int, dtype: Any) -> LevelSmoother:
-    """Return block Gauss–Seidel over parts, or raise LinAlgError for a block that is not definite.
+    """Return a block Gauss–Seidel smoother, or raise LinAlgError if a diagonal block is not definite.
 
     Examples
     --------
@@ -197,7 +197,7 @@ def aggregation_stack(
 def aggregates(
     strength: Couplings, theta: float, labels: Int | None = None, needless: float = _NEEDLESS
 ) -> tuple[Int, int]:
-    """Return the aggregate of each part, −1 for none, and their number.
+    """Return the aggregate of each part (−1 for none), and the number of aggregates.
 
     Parts with a coupling sum of at most ``needless`` times their size belong to no aggregate.
 
@@ -228,7 +228,7 @@ def _level(
 
 
 def _current_labels(labels: Int, holder: Int, parts: int) -> Int:
-    """Return the label of each part on a level, taken from its first part of A."""
+    """Return the label of each part on a level: the label of the first part of A that it contains."""
     inside = np.flatnonzero(holder >= 0)[::-1]
     found = np.zeros(parts, np.int64)
     found[holder[inside]] = labels[inside]
@@ -236,7 +236,7 @@ def _current_labels(labels: Int, holder: Int, parts: int) -> Int:
 
 
 def check_labels(labels: Sequence[ArrayLike] | None, parts: int) -> list[Int]:
-    """Return the labels of each level, or raise OptionError unless there is a label per part."""
+    """Return the labels of each level, or raise OptionError unless each array has one label per part."""
     arrays = [frozen_int(array) for array in labels or ()]
     for k, array in enumerate(arrays):
         if array.shape != (parts,):

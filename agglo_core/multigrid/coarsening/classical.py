@@ -151,7 +151,7 @@ def classical_stack(
 
 
 class CoarseFirst:
-    """Gauss–Seidel on coarse unknowns first, then on the others, and in mirrored order after the correction.
+    """Gauss–Seidel on coarse unknowns, then on the others, in mirrored order after the coarse correction.
 
     Parameters
     ----------
@@ -179,22 +179,22 @@ class CoarseFirst:
         self._sweeps = ScalarGaussSeidel(sparse.csr_array((data, indices, indptr), shape=A.shape), dtype)
 
     def before(self, b: Real) -> tuple[Real, Real]:
-        """Return x ``(n,)`` after a sweep from 0, and b − A x."""
+        """Return x ``(n,)`` after a sweep from x = 0, and the residual b − A x."""
         x, r = self._sweeps.before(b[self._order])
         return x[self._place], r[self._place]
 
     def after(self, b: Real, x: Real) -> Real:
-        """Return x after the sweep in opposite order."""
+        """Return x after a sweep in the opposite order."""
         return self._sweeps.after(b[self._order], x[self._order])[self._place]
 
 
 def _agglomerates(labels: Sequence[Int]) -> int:
-    """Return the number of agglomerates in labels, 0 without labels."""
+    """Return the largest number of distinct labels in an array of ``labels``, or 0 without arrays."""
     return max((len(np.unique(each)) for each in labels), default=0)
 
 
 def _scale(A: Any, near_null: Float | None) -> Float | None:
-    """Return the near-null vector ``(n,)``, or None for constants."""
+    """Return the near-null vector ``(n,)`` by which the matrix is scaled, or None for a constant vector."""
     if near_null is None:
         negative = A.sum(axis=1) < -_NEGATIVE * A.diagonal()
         if negative.sum() <= _MANY * len(negative):
@@ -209,7 +209,7 @@ def _scale(A: Any, near_null: Float | None) -> Float | None:
 
 
 def _interpolation(A: Any, theta: float) -> tuple[Any, Mask]:
-    """Return P, and mark the coarse unknowns, at least one."""
+    """Return the prolongation P, and a mask of the coarse unknowns, at least one."""
     pattern = (A.indptr, A.indices)
     strong, needy = strong_entries(*pattern, A.data, theta, _NEEDLESS)
     stays = coarse_points(*pattern, strong, needy)

@@ -1,4 +1,4 @@
-"""Near-null vectors of a matrix: improvement of given vectors, or computation."""
+"""Near-null vectors of a matrix, computed or improved by Gauss–Seidel sweeps."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from agglo_core.multigrid.kernels.aggregates import couplings, local_bases, spli
 
 
 class Couplings(NamedTuple):
-    """Coupling strength between parts of a matrix: CSR over parts, and diagonal block sizes."""
+    """Coupling strengths between parts of a matrix as CSR, and the size (norm) of each diagonal block."""
 
     graph: Int
     to: Any
@@ -23,19 +23,19 @@ class Couplings(NamedTuple):
 
     @classmethod
     def of(cls, A: Any, offsets: Int, part_of: Int) -> Couplings:
-        """Compute the couplings of a CSR matrix with parts ``offsets[p]:offsets[p + 1]``."""
+        """Compute the couplings of a CSR matrix whose part p has the rows ``offsets[p]:offsets[p + 1]``."""
         found = couplings(A.indptr, A.indices, A.data, offsets, part_of)
         return cls(*(frozen(array, array.dtype) for array in found))
 
     @property
     def neighbours(self) -> float:
-        """Mean number of neighbours."""
+        """Mean number of neighbours of a part."""
         return len(self.to) / max(len(self.size), 1)
 
 
 @dataclass(frozen=True, eq=False)
 class Tentative:
-    """Near-null vectors B cut at aggregate borders: B = T ``near_null``.
+    """Tentative prolongation T: local orthonormal bases of near-null vectors B = T ``near_null``.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Tentative:
     R: Float
 
     def of(self, values: Float) -> Any:
-        """Apply to ``values (n, k)`` the combinations and cuts that map B to T."""
+        """Multiply ``values (n, k)`` on each aggregate by the pseudo-inverse of R, the map from B to T."""
         single = self.R.shape[1] == 1
         back = 1.0 / np.where(self.R > 0.0, self.R, 1.0) if single else np.linalg.pinv(self.R)
         combined = np.einsum("ik,ikq->iq", values, back[self.holder])[self.mask]
@@ -69,7 +69,7 @@ class Tentative:
 
 
 def tentative(labels: Int, count: int, near_null: Float) -> Tentative:
-    """Return the tentative prolongation of aggregates (Vaněk, Mandel, Brezina, Computing 56, 1996).
+    """Return the tentative prolongation of given aggregates (Vaněk, Mandel, Brezina, Computing 56, 1996).
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def smooth_tentative(
     weak: float,
     steps: int = 1,
 ) -> Any:
-    """Return P = (I − ω D⁻¹ F)^steps T with ω = 4/3 λ_max(D⁻¹ F)⁻¹, as CSR.
+    """Return the smoothed prolongation P = (I − ω D⁻¹ F)^steps T with ω = 4/3 λ_max(D⁻¹ F)⁻¹, as CSR.
 
     F is A without weak blocks, with their action on near-null vectors moved to the diagonal, so that F B = A
     B. D is the block diagonal of A, because the diagonal of F may be small for a part with many weak
@@ -148,7 +148,7 @@ def smooth_tentative(
 
 
 def _csr(data: Float, indices: Any, indptr: Any, shape: tuple[int, int]) -> Any:
-    """Return a CSR matrix with the narrowest indices, because kernels are compiled for one width."""
+    """Return a CSR matrix with 32-bit indices if possible, because kernels are compiled for one width."""
     width = np.int32 if max(len(data), *shape) < 2**31 else np.int64
     return sparse.csr_array((data, indices.astype(width), indptr.astype(width)), shape=shape)
 
@@ -167,7 +167,10 @@ def _largest_eigenvalue(K: Any) -> float:
 
 
 def _inverse_blocks(A: Any, offsets: Int, part_of: Int) -> Any:
-    """Return the inverse diagonal blocks of A as a sparse matrix, computed size by size."""
+    """Return the inverse diagonal blocks of A as a sparse matrix.
+
+    Blocks of equal size are inverted together.
+    """
     n = A.shape[0]
     # Collect the entries in diagonal blocks.
     row = np.repeat(np.arange(n), np.diff(A.indptr))

@@ -1,4 +1,4 @@
-"""Gauss–Seidel over groups of strongly coupled unknowns: lines in anisotropic matrices."""
+"""Gauss–Seidel over groups of strongly coupled unknowns, such as grid lines in anisotropic problems."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def strong_groups(A: Any, most: int) -> Patches:
 
 
 def group_smoother(A: Any, most: int, dtype: Any = np.float64) -> VertexPatches:
-    """Return symmetric block Gauss–Seidel over :func:`strong_groups`, with a diagonal enlarged by 1e-6.
+    """Return symmetric block Gauss–Seidel over :func:`strong_groups`, with 1 + 1e-6 times the diagonal.
 
     Raises
     ------

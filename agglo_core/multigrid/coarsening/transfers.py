@@ -16,7 +16,7 @@ from agglo_core.problems import Coarsening, CoarseSpace
 
 
 def parents(fine: Int, coarse: Int) -> Int | None:
-    """Return the part in ``coarse`` of each part in ``fine`` (labels ``(n,)``), or None if not nested.
+    """Return the coarse part that contains each fine part (labels ``(n,)``), or None if not nested.
 
     Examples
     --------
@@ -33,13 +33,13 @@ def parents(fine: Int, coarse: Int) -> Int | None:
 
 
 class Injection:
-    """Injection of the coarse functions, or of their L2 projections on levels that are not nested.
+    """Injection of the coarse functions, or their L2 projection for levels that are not nested.
 
     The functions are polynomials on agglomerates for discretisations, and constants for linear systems.
     """
 
     def prolongation(self, step: Coarsening) -> Any:
-        """Return P ``(n, m)``.
+        """Return the prolongation P ``(n, m)``.
 
         Raises
         ------
@@ -55,7 +55,7 @@ class Injection:
 
 
 class SmoothedInjection:
-    """Injection after a damped step of block Jacobi: :func:`~agglo_core.multigrid.smoothed_prolongation`.
+    """Injection followed by a damped block Jacobi step: :func:`~agglo_core.multigrid.smoothed_prolongation`.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class SmoothedInjection:
         self.damping = damping
 
     def prolongation(self, step: Coarsening) -> Any:
-        """Return P ``(n, m)``.
+        """Return the prolongation P ``(n, m)``.
 
         Errors are those of :class:`Injection`, and LinAlgError if A is not positive definite.
         """
@@ -92,7 +92,7 @@ class Aggregation:
         self.weak = weak
 
     def prolongation(self, step: Coarsening) -> CoarseSpace:
-        """Return P with its blocks, and the coarse near-null vectors.
+        """Return the prolongation P with its block offsets, and the near-null vectors of the coarse level.
 
         Raises
         ------

@@ -1,1 +1,1 @@
-"""Kernels of multigrid: sparse products, sweeps, patches, aggregates."""
+"""Compiled kernels of multigrid: sparse products, sweeps, patches, aggregates."""

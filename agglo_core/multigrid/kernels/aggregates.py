@@ -1,4 +1,4 @@
-"""Aggregation kernels: coupling strength, greedy aggregates, split labels, local bases.
+"""Kernels for aggregation: coupling strengths, greedy aggregates, splitting of labels, local bases.
 
 A part is a range of consecutive unknowns. Couplings are a CSR over parts, without the diagonal.
 """
@@ -12,7 +12,7 @@ from agglo_core.compiled.compiling import kernel
 
 @kernel
 def couplings(indptr, indices, data, offsets, part_of):
-    """Return the couplings between parts as CSR, and the sizes of diagonal blocks.
+    """Return the coupling strengths between parts as CSR, and the size (norm) of each diagonal block.
 
     Part p has the rows ``offsets[p]:offsets[p + 1]``, and ``part_of`` is the part of each row. For single
     unknowns, the coupling is −a_ij and the size a_ii, so positive entries couple negatively. For larger
@@ -122,7 +122,7 @@ def greedy_aggregates(graph, to, weight, size, theta, needless):
 
 @kernel
 def split_labels(graph, to, weight, size, theta, labels):
-    """Split the given labels into pieces connected by strong couplings.
+    """Split each set of parts with equal label into pieces connected by strong couplings.
 
     Couplings and strength are as in :func:`greedy_aggregates`. A part without strong coupling inside its
     label joins the piece in this label that it leans on most. Returns the piece of each part, numbered by
@@ -210,7 +210,7 @@ def split_weak(indptr, indices, data, offsets, part_of, graph, to, weight, size,
 
 @kernel
 def local_bases(starts, rows, vectors):
-    """Orthonormalise the vectors B ``(n, k)`` on each aggregate, so that Q R = B.
+    """Orthonormalise the vectors B ``(n, k)`` on each aggregate, so that Q R = B there.
 
     Aggregate a has the unknowns ``rows[starts[a]:starts[a + 1]]``. Method: modified Gram–Schmidt, twice. A
     vector that depends on the previous vectors on an aggregate adds no column there. Returns Q ``(n, k)``, R

@@ -13,7 +13,9 @@ from agglo_core.multigrid.kernels.block_vectors import add_product
 
 @cache
 def block_products(width: int) -> Any:
-    """Return the kernel for products of two matrices with flat blocks of 2 to 16 unknowns.
+    """Return the compiled product of two sparse matrices with dense blocks of 2 to 16 unknowns.
+
+    The blocks are stored in flat arrays.
 
     ``product(indptr, indices, places, left, transposed, graph, to, right, columns)``
         Row i of the first matrix has the blocks ``left[places[k]]`` in columns ``indices[k]``, for k from
@@ -62,7 +64,7 @@ def block_products(width: int) -> Any:
 
 @kernel
 def block_columns(indptr, indices, columns):
-    """Transpose a block pattern by a counting sort, with rows ascending in each column.
+    """Transpose a sparsity pattern of blocks by a counting sort, with ascending rows in each column.
 
     Returns offsets by column, rows, and the position of each block in row order.
     """

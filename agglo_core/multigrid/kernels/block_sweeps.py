@@ -26,7 +26,7 @@ Sweep = Callable[..., Any]
 
 @cache
 def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
-    """Return the kernels ``(residual_sweep, sweep)`` for a block size.
+    """Return two compiled block Gauss–Seidel sweeps for a block size: with and without residual.
 
     ``residual_sweep(indptr, indices, data, inverses, r, x)``
         A forward sweep that updates x and its residual r. Block (i, j) serves as transpose of (j, i), so
@@ -127,7 +127,10 @@ def _sweep(indptr, indices, data, inverses, b, x, order):
 
 @cache
 def block_product(width: int) -> Any:
-    """Return the kernel ``(indptr, indices, data, x)`` of A x for flat blocks of 2 to 16 unknowns."""
+    """Return the compiled product A x, a function of ``(indptr, indices, data, x)``.
+
+    Blocks have 2 to 16 unknowns and are stored in a flat array.
+    """
 
     @kernel(reorder_sums=True)
     def product(indptr, indices, data, x):
@@ -143,7 +146,7 @@ def block_product(width: int) -> Any:
 
 @kernel(reorder_sums=True)
 def sweep_parts(indptr, indices, data, offsets, places, inverses, b, x, order):
-    """Sweep once through parts of unequal sizes and update x, forward (``order`` 1) or backward (−1).
+    """Update x by a block Gauss–Seidel sweep over unequal parts, forward (``order`` 1) or backward (−1).
 
     Part p has the rows ``offsets[p]:offsets[p + 1]`` of a CSR matrix, and its inverse diagonal block is
     stored by rows from ``inverses[places[p]]``.
@@ -169,7 +172,7 @@ def sweep_parts(indptr, indices, data, offsets, places, inverses, b, x, order):
 
 @kernel
 def invert_blocks(offsets, blocks):
-    """Invert symmetric positive definite matrices, stored by rows one after the other, by Cholesky.
+    """Invert symmetric positive definite matrices, stored consecutively by rows, by Cholesky factors.
 
     Matrix p has ``offsets[p + 1] - offsets[p]`` rows. Lower triangles are read, and inverses overwrite the
     matrices. Returns the first matrix that is not positive definite to rounding, or −1.
@@ -217,7 +220,7 @@ def invert_blocks(offsets, blocks):
 
 @kernel(reorder_sums=True)
 def both_products(indptr, indices, data, v):
-    """Return A v and Aᵀ v for blocks ``data (·, n, n)`` in one pass."""
+    """Return A v and Aᵀ v in one pass, for a matrix with the blocks ``data (·, n, n)``."""
     n = data.shape[1]
     straight, transposed = np.zeros(len(v)), np.zeros(len(v))
     for i in range(len(indptr) - 1):

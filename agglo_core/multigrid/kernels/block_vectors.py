@@ -20,7 +20,7 @@ _FLAGS = ("contract", "reassoc", "nsz")
 
 
 def _add_product(typing, n, factors, start, stride, block, at, into, to):
-    """Generate the sum of block rows times factors, added to ``into[to:to + n]``.
+    """Generate instructions that add a linear combination of block rows to ``into[to:to + n]``.
 
     The sum is Σ_c factors[start + c · stride] · block[at + c · n:at + (c + 1) · n].
 
@@ -47,7 +47,7 @@ def _add_product(typing, n, factors, start, stride, block, at, into, to):
 
 
 def _add_dots(typing, n, block, at, vector, start, into, to):
-    """Generate the product of a block and a vector, added to ``into[to:to + n]``.
+    """Generate instructions that add the product of a block and a vector to ``into[to:to + n]``.
 
     Entry c of the product is Σ_q block[at + c · n + q] · vector[start + q].
 
@@ -75,7 +75,7 @@ def _literal(n: Any) -> int:
 
 
 class _Lanes:
-    """Instructions for vectors with ``width`` entries, padded with zeros to a power of two.
+    """Generator of instructions for vectors of ``width`` entries, padded with zeros to a power of two.
 
     ``argument`` is the number of an array argument of the intrinsic, and ``place`` an index into this array.
     """
@@ -94,13 +94,13 @@ class _Lanes:
         return self.builder.gep(array.data, [place])
 
     def vector(self, argument: int, place: Any) -> Any:
-        """Load array entries from a position on."""
+        """Generate the load of ``width`` consecutive array entries, from the index ``place`` on."""
         at = self.builder.bitcast(self.address(argument, place), self.short.as_pointer())
         short = self.builder.load(at, align=self.bits // 8)
         return self._shuffled(short, ir.Constant(self.short, None), range(self.count))
 
     def row(self, argument: int, at: Any, c: int) -> Any:
-        """Load block row c, in one instruction on processors with masks."""
+        """Generate the load of row c of a block, in one instruction on processors with masked loads."""
         builder = self.builder
         place = builder.add(at, ir.Constant(at.type, c * self.width))
         bit, pointer = ir.IntType(1), self.full.as_pointer()
@@ -113,7 +113,7 @@ class _Lanes:
         return builder.call(load, [target, align, mask, ir.Constant(self.full, None)])
 
     def spread(self, value: Any) -> Any:
-        """Return a vector of equal entries."""
+        """Generate a vector with all entries equal to a value."""
         nothing, first = ir.Constant(self.full, ir.Undefined), ir.Constant(ir.IntType(32), 0)
         one = self.builder.insert_element(nothing, value, first)
         return self._shuffled(one, nothing, [0] * self.count)
@@ -124,7 +124,7 @@ class _Lanes:
         self.builder.store(short, at, align=self.bits // 8)
 
     def sums(self, vectors: list[Any]) -> Any:
-        """Return a vector with the sum of vector c as entry c.
+        """Generate a vector whose entry c is the sum of the entries of vector c.
 
         In each round, two vectors (u, v) are combined: the lower halves of both plus the upper halves of
         both. Segments of one original vector are halved from ``count`` lanes to 1, in log₂ ``count`` rounds.
@@ -153,13 +153,13 @@ class _Lanes:
 
 
 def _add_product_slowly(n, factors, start, stride, block, at, into, to):
-    """Python twin of ``add_product`` for NUMBA_DISABLE_JIT, for debuggers."""
+    """Compute ``add_product`` in Python, for debugging with NUMBA_DISABLE_JIT."""
     rows = block[at : at + n * n].reshape(n, n)
     into[to : to + n] += factors[start + stride * np.arange(n)] @ rows
 
 
 def _add_dots_slowly(n, block, at, vector, start, into, to):
-    """Python twin of ``add_dots``."""
+    """Compute ``add_dots`` in Python, for debugging with NUMBA_DISABLE_JIT."""
     into[to : to + n] += block[at : at + n * n].reshape(n, n) @ vector[start : start + n]
 
 

@@ -60,7 +60,7 @@ def coarse_points(indptr, indices, strong, needy):
 
 @helper(allocates=True)
 def _dependents(indptr, indices, strong):
-    """Return the dependents of each unknown as CSR, and their number."""
+    """Return the unknowns that depend on each unknown as CSR, and their number for each unknown."""
     # Transpose the strong entries by a counting sort.
     n = len(indptr) - 1
     start = np.zeros(n + 1, np.int64)
@@ -80,7 +80,7 @@ def _dependents(indptr, indices, strong):
 
 @helper(allocates=True)
 def _independent(indptr, indices, strong, start, dependent, worth):
-    """Choose C-points by the first pass of Ruge and Stüben.
+    """Choose coarse unknowns (C-points) by the first pass of Ruge and Stüben.
 
     ``worth (n,)`` is the number of free dependents plus twice the F-point dependents, and is modified. Free
     unknowns of equal worth form a doubly linked list with the last changed at the head.
@@ -132,7 +132,7 @@ def _independent(indptr, indices, strong, start, dependent, worth):
 
 @helper
 def _link(i, worth, head, before, after):
-    """Insert i at the head of the list for its worth."""
+    """Insert unknown i at the head of the list of unknowns with equal worth (priority)."""
     old = head[worth[i]]
     head[worth[i]] = i
     before[i] = -1
@@ -143,7 +143,7 @@ def _link(i, worth, head, before, after):
 
 @helper
 def _unlink(i, worth, head, before, after):
-    """Remove i from the list for its worth."""
+    """Remove unknown i from the list of unknowns with equal worth (priority)."""
     if before[i] >= 0:
         after[before[i]] = after[i]
     else:
@@ -154,7 +154,9 @@ def _unlink(i, worth, head, before, after):
 
 @helper(allocates=True)
 def _second_pass(indptr, indices, strong, stays):
-    """Add C-points to ``stays`` until strongly coupled F-points share a C-point (Ruge, Stüben, second pass).
+    """Add coarse unknowns (C-points) to ``stays`` until strongly coupled other unknowns (F-points) share one.
+
+    This is the second pass of Ruge and Stüben.
 
     Each F-point i is treated once, in order. ``mark[j] == i`` means that i can interpolate from j.
     """
@@ -192,7 +194,7 @@ def _second_pass(indptr, indices, strong, stays):
 
 @kernel
 def classical_weights(indptr, indices, data, strong, stays, number):
-    """Return the classical interpolation as CSR ``graph, to, weight``.
+    """Return the weights of classical interpolation as a CSR matrix ``graph, to, weight``.
 
     A C-point has weight 1. An F-point interpolates from all C-points that it depends on. ``number`` is the
     coarse number of each C-point. For an F-point i with its set C_i of C-points, the weights are w_ij =
@@ -255,7 +257,7 @@ def classical_weights(indptr, indices, data, strong, stays, number):
 
 @kernel
 def coarse_first(indptr, indices, data, stays, place):
-    """Permute a CSR matrix symmetrically so that C-points come first.
+    """Permute a CSR matrix symmetrically so that coarse unknowns (C-points) come first.
 
     ``place[i]`` is the new number of i. The order within C-points and within F-points must be kept.
     """

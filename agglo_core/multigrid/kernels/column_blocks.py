@@ -20,7 +20,7 @@ Product = Callable[..., Any]
 
 @cache
 def column_products(width: int) -> tuple[Product, Product]:
-    """Return the kernels ``(restricted, prolonged)`` for a block size, 0 for any size.
+    """Return the compiled products Pᵀ r and x + P y for a block size (0 for any).
 
     ``restricted(indptr, indices, blocks, r, columns)``
         Pᵀ r ``(columns,)``. Block k, ``blocks[k] (n,)``, is in column ``indices[k]``.

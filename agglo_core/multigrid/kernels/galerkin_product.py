@@ -48,7 +48,7 @@ def _transpose_csr(indptr, indices, data, columns):
 
 @helper(allocates=True)
 def _product(indptr, indices, data, graph, to, weight, columns):
-    """Multiply two CSR matrices row by row (Gustavson).
+    """Multiply two CSR matrices row by row (Gustavson's algorithm).
 
     Columns in a row come in any order, and the arrays are longer than needed. ``slot[j]`` is the position of
     column j. Slots before ``first`` belong to earlier rows.

@@ -21,7 +21,7 @@ Sweep = Callable[..., Any]
 
 @cache
 def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
-    """Return the kernels ``(residual_sweep, sweep)`` for a block size, 0 for any size.
+    """Return two compiled sweeps over groups, with and without residual, for a block size (0 for any).
 
     Group g has the parts ``parts[offsets[g]:offsets[g + 1]]``. Each part belongs to one group. The inverse of
     the matrix on a group is stored by rows from ``starts[g]``. Matrix rows follow the order of ``parts``,
@@ -115,7 +115,7 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
 
 @helper(allocates=True)
 def _room(offsets, n, like):
-    """Return workspace for right-hand side and solution of the largest group."""
+    """Allocate arrays for the right-hand side and the solution of the largest group."""
     most = 0
     for g in range(len(offsets) - 1):
         most = max(most, offsets[g + 1] - offsets[g])
@@ -124,7 +124,7 @@ def _room(offsets, n, like):
 
 @helper(reorder_sums=True)
 def _solve(inverse, residual, m, solution):
-    """Multiply ``residual[:m]`` by a symmetric matrix ``(m, m)``, stored by rows."""
+    """Multiply ``residual[:m]`` by a symmetric inverse ``(m, m)``, stored by rows."""
     for q in range(m):
         solution[q] = 0
     for e in range(m):

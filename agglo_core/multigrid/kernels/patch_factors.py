@@ -83,7 +83,7 @@ def patch_orders(offsets, parts, indptr, indices):
 
 @cache
 def patch_factors(width: int) -> Any:
-    """Return the kernel for block factors L D Lᵀ on patches, for a block size (0 for any).
+    """Return the compiled block factorisation L D Lᵀ on patches, for a block size (0 for any).
 
     The arguments are ``(offsets, parts, starts, below, indptr, indices, data, pivots, factors)``, with
     patches from :func:`patch_orders`. D is block diagonal, and the diagonal blocks of L are identities. The

@@ -9,7 +9,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @kernel
 def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_groups, n_parts, most):
-    """Collect the distinct sets of 2 to ``most`` parts that meet at a vertex group, as CSR.
+    """Collect, as CSR, the distinct sets of 2 to ``most`` parts that meet at a vertex or a vertex group.
 
     Cell c has the vertices ``cell_vertices[cell_offsets[c]:cell_offsets[c + 1]]`` and the part ``labels[c]``.
     ``vertex_groups`` is the group of each vertex. Parts ascend within sets, and sets follow their first
@@ -76,7 +76,7 @@ def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_grou
 
 @helper
 def _comes_before(parts, offsets, s, t):
-    """Return True if a set comes before another in lexicographic order."""
+    """Return True if set s precedes set t in lexicographic order."""
     sizes = offsets[s + 1] - offsets[s], offsets[t + 1] - offsets[t]
     for k in range(min(sizes[0], sizes[1])):
         a, b = parts[offsets[s] + k], parts[offsets[t] + k]
@@ -87,7 +87,7 @@ def _comes_before(parts, offsets, s, t):
 
 @kernel
 def without_contained(offsets, parts, n_parts):
-    """Drop sets contained in larger sets, and add a set for each part in no set.
+    """Drop sets contained in larger sets, and add a separate set for each part that is in no set.
 
     Sets are CSR, distinct, with ascending parts, also in the result. The order of sets is lexicographic.
     """
@@ -170,7 +170,7 @@ def without_contained(offsets, parts, n_parts):
 
 @kernel
 def unite_pairs(pairs, n_parts, most):
-    """Unite ``pairs (m, 2)`` in turn to sets of at most ``most`` parts.
+    """Merge parts into sets of at most ``most`` parts by uniting ``pairs (m, 2)`` in order.
 
     A pair with a larger union is skipped. Returns the sets as CSR, sorted by smallest part.
     """

@@ -15,7 +15,7 @@ _TINY = 1e-22  # relative to the largest entry: smaller entries are set to 0, ag
 
 @kernel(reorder_sums=True)
 def patch_inverses(offsets, parts, indptr, indices, data, starts, half, inverses):
-    """Fill ``inverses`` with the patch inverses, for patch i by rows from ``starts[i]`` on.
+    """Invert the matrix on each patch, and store inverse i by rows in ``inverses``, from ``starts[i]`` on.
 
     If ``half``, only the rows of the lower halves are stored. The blocks ``data`` must be symmetric, and only
     those in the lower half of a patch are read. The sweep operator (M. Goodnight, Amer. Statist. 33, 1979)
@@ -88,7 +88,7 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, inverses
 
 @cache
 def patch_sweep(width: int) -> Any:
-    """Return the kernel of a multiplicative Schwarz sweep through overlapping patches.
+    """Return a compiled multiplicative Schwarz sweep through overlapping patches.
 
     The arguments are ``(offsets, parts, starts, below, pivots, factors, indptr, indices, data, b, x,
     order)``. The sweep solves for the unknowns of each patch in turn with the factors of
@@ -155,7 +155,7 @@ def patch_sweep(width: int) -> Any:
 
 @helper(reorder_sums=True)
 def _multiply(inverses, start, vector, m, product):
-    """Write the product of a symmetric matrix with ``vector[:m]`` to ``product[:m]``.
+    """Multiply ``vector[:m]`` by a symmetric matrix, with the result in ``product[:m]``.
 
     The lower half of the matrix is stored by rows from ``inverses[start]`` on.
     """

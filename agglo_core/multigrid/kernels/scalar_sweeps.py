@@ -31,7 +31,7 @@ def first_sweep(indptr, indices, data, inverse, b):
 
 @kernel(reorder_sums=True)
 def backward_sweep(indptr, indices, data, inverse, b, x):
-    """Sweep backward through A x = b once and update x.
+    """Update x by one backward Gauss–Seidel sweep for A x = b.
 
     ``inverse`` is the reciprocal diagonal.
     """

@@ -1,4 +1,4 @@
-"""Scaling of the unknowns of a block matrix to identity diagonal blocks."""
+"""Scaling of a block matrix to identity diagonal blocks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ A larger value means more kernels to compile (benchmarks/solve.py).
 
 @cache
 def scale_blocks(width: int) -> Any:
-    """Return the kernel ``(indptr, indices, data)`` for a block size, with ``data (·, n, n)``.
+    """Return the compiled scaling of a block matrix to identity diagonal blocks, for a block size.
+
+    Its arguments are ``(indptr, indices, data)``, with ``data (·, n, n)``.
 
     The kernel returns the first part with a missing or not positive definite diagonal block (or −1), T
     ``(parts, n, n)`` (the inverse Cholesky factors L⁻¹ of the diagonal blocks), Lᵀ in equal storage, and the

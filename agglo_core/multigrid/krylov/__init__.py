@@ -1,1 +1,1 @@
-"""Conjugate gradients: iteration, stopping test, restarts."""
+"""Conjugate gradients: iteration, stopping tests, restarts."""

@@ -79,7 +79,7 @@ class Column:
         return len(self.residuals) - 1
 
     def run(self) -> Steps:
-        """Iterate until ``ended``."""
+        """Run the iteration until ``ended`` states its end, and yield requests for matrix products."""
         yield from self._begin()
         while not self.ended:
             if self._least is None or self.size < self._least[0]:
@@ -94,7 +94,7 @@ class Column:
             self._error = np.inf
 
     def history(self) -> History:
-        """Return the last iterate and the outcome."""
+        """Return the history of the iteration, with the last iterate and the outcome."""
         error = self._error if np.isfinite(self._error) else None
         sizes = (self.size, self._error)
         tests = tuple(name for name, value in zip(TESTS, sizes, strict=True) if value <= self.rules.tolerance)
@@ -116,7 +116,7 @@ class Column:
     # The iteration
 
     def _begin(self) -> Steps:
-        """Compute the first residual and direction."""
+        """Compute the first residual and the first search direction."""
         x = self.start if self.b.any() else np.zeros(len(self.b))
         r = self.b - (yield "A", x) if x.any() else self.b
         self._cg = Recursion(x, r)
@@ -131,7 +131,7 @@ class Column:
             self._cg.restart()
 
     def _iterate(self) -> Steps:
-        """Make one step, or end if no step is possible. Then apply the tests."""
+        """Make one step and apply the stopping tests, or end the iteration if no step is possible."""
         # 1. Limits on iterations and on steps without effect.
         cg = self._cg
         if self._still >= _STILL or self.rules.exhausted(self.residuals, self.size):
@@ -165,7 +165,7 @@ class Column:
         self._still = self._still + 1 if gain <= np.finfo(float).eps ** 2 * self._gained else 0
 
     def _precondition(self) -> Steps:
-        """Compute z = M r, and end unless z·r > 0."""
+        """Compute z = M r, and end the iteration unless z·r > 0."""
         cg = self._cg
         cg.precondition((yield "M", cg.r))
         if not np.isfinite(cg.zr):
@@ -175,7 +175,7 @@ class Column:
             self.ended = "underflow" if tiny else "indefinite preconditioner"
 
     def _turn(self) -> None:
-        """Choose the next direction, and end after too many losses of conjugacy."""
+        """Compute the next search direction, or end the iteration after too many losses of conjugacy."""
         cg, cross = self._cg, self._cg.cross()
         self._lost += abs(cross) > _CONJUGATE * cg.zr and cg.zr > _DIGIT * cg.zr_before
         if self._lost >= _LOST:
@@ -188,7 +188,7 @@ class Column:
     # Residuals computed from x, and restarts
 
     def _replace_residual(self) -> Steps:
-        """Replace the recursive residual by b − A x where the tests may be passed."""
+        """Replace the recursive residual by b − A x if x may pass the stopping tests."""
         cg = self._cg
         length, self.size = two_norm(cg.r), self.measure(cg.r)
         self._exact, self._drifted = self._near(length / self.residuals[-1]), False
@@ -201,7 +201,7 @@ class Column:
             self.ended = "matrix not finite"
 
     def _near(self, fall: float) -> bool:
-        """Return True if x may pass the tests, with a residual ``fall`` times the last."""
+        """Return True if x may pass the stopping tests, with ``fall`` times the last residual."""
         count = len(self.residuals)
         if count & (count - 1) == 0:
             self._energy_norm = self.energy(self._cg.x)
@@ -212,7 +212,7 @@ class Column:
         return count >= self._next_test and small and close
 
     def _judge_restart(self) -> Steps:
-        """Record a restart. If restarts gain nothing any more, return to the best iterate."""
+        """Record a restart, and return to the best iterate if restarts no longer reduce the error."""
         cg = self._cg
         self._stuck = self._restarts.add((self.size, cg.x, cg.r), cg.error_bound())
         self._estimate()
@@ -227,7 +227,7 @@ class Column:
     # The tests
 
     def _passes(self) -> bool:
-        """Return True if x passes the tests, and passed them a tenth of the iterations before."""
+        """Return True if x passes the stopping tests, as did an iterate a tenth of the iterations before."""
         self._estimate()
         if not self._small():
             self._first_pass, self._next_test = None, self.done + 1 + self.done // 20
@@ -241,7 +241,7 @@ class Column:
         return (self.size <= most or stop == "energy") and (self._error <= most or stop == "residual")
 
     def _confirm(self) -> Steps:
-        """End, unless further products reveal a larger error or a smaller eigenvalue than estimated."""
+        """End as converged, unless extra products reveal a larger error or a smaller eigenvalue."""
         cg = self._cg
         if self.rules.stop != "residual" and cg.r.any():
             yield from self._compare()
@@ -257,7 +257,7 @@ class Column:
             self.ended = "met"
 
     def _compare(self) -> Steps:
-        """Lower θ if the error bound is below r·r / (r·Ar)^½, a lower bound of ‖e‖_A for any M."""
+        """Lower the Ritz value θ if the error bound is below r·r / (r·Ar)^½ ≤ ‖e‖_A (for any M)."""
         cg = self._cg
         Ar = yield "A", cg.r
         length = max(0.0, float(cg.r @ Ar)) ** 0.5
@@ -266,7 +266,7 @@ class Column:
         self._estimate()
 
     def _estimate(self) -> None:
-        """Estimate the relative energy error."""
+        """Estimate the relative error in the energy norm."""
         self._cg.ritz.refresh()
         self._energy_norm = self.energy(self._cg.x)
         self._error = size_ratio(self._cg.error_bound(), self._energy_norm)
@@ -282,7 +282,7 @@ class Column:
             self.ended = "stagnation"  # the load lies in the range of A, up to rounding
 
     def _settle(self) -> Steps:
-        """Compute b − A x for the last iterate, and estimate its error if possible."""
+        """Compute b − A x for the last iterate, and estimate its error if the coefficients are reliable."""
         cg = self._cg
         exact = self.b - (yield "A", cg.x)
         differ = _differ(cg.r, exact)

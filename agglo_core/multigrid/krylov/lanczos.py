@@ -15,7 +15,7 @@ from agglo_core.problems.residuals.sizes import two_norm
 
 @dataclass(eq=False)
 class RitzValue:
-    """Smallest active eigenvalue, estimated from a run of conjugate gradients.
+    """Estimate of the smallest eigenvalue present in the residual, from conjugate gradients.
 
     The coefficients are those of the Lanczos process, with a smallest Ritz value that decreases to this
     eigenvalue. The estimate extrapolates by the reduction over the second half of the iterations.
@@ -34,16 +34,16 @@ class RitzValue:
     _at: int = 0
 
     def add(self, step: float, ratio: float) -> None:
-        """Append the coefficients of an iteration."""
+        """Append the step length and the residual ratio of an iteration."""
         self.steps.append(step)
         self.ratios.append(ratio)
 
     def restart(self) -> None:
-        """Begin a new run with the same matrix, keeping the value."""
+        """Discard the coefficients before a restart, but keep the eigenvalue estimate."""
         self.steps, self.ratios, self._at = [], [], 0
 
     def refresh(self) -> float:
-        """Return the value from all iterations so far, or ∞ without iterations."""
+        """Update and return the eigenvalue estimate, ∞ before the first iteration."""
         count = len(self.steps)
         if count != self._at:
             lowest, before = (
@@ -54,7 +54,7 @@ class RitzValue:
 
 
 def ritz_value(steps: Sequence[float], ratios: Sequence[float], *, largest: bool = False) -> float:
-    """Return the smallest or largest eigenvalue of the tridiagonal matrix of conjugate gradients.
+    """Return the smallest or largest eigenvalue of the Lanczos matrix given by conjugate gradients.
 
     Parameters
     ----------
@@ -91,14 +91,16 @@ class Curvatures:
     _largest: float = 0.0
 
     def add(self, curvature: float, size: float) -> bool:
-        """Add the curvature of the next direction with its p·M⁻¹p, and return True if flat."""
+        """Record the curvature p·A p of the next direction, and return True if it nearly vanishes."""
         self._largest = max(self._largest, curvature / size)
         self.flat = curvature <= _FLAT * self._largest * size
         return self.flat
 
 
 def failure(p: Float, Ap: Float, magnitudes: Float) -> Ended:
-    """Return the failure that a flat direction p reveals (singular or indefinite matrix), or an empty text.
+    """Return the failure that a direction p of tiny curvature reveals: a singular or indefinite matrix.
+
+    The text is empty if there is none.
 
     A null vector of A, up to rounding, makes A singular.
 

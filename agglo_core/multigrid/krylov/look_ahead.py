@@ -1,4 +1,4 @@
-"""Plain conjugate gradients with tests that look some iterations ahead."""
+"""Plain conjugate gradients that estimate the error of an iterate from some further iterations."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def conjugate_gradients(
 
 
 def _breakdown(A: Any, cg: Recursion, Ap: Float) -> Ended:
-    """Return the reason if no step along p is possible, or an empty text."""
+    """Return the reason why no step along p is possible, or an empty text if it is."""
     if cg.curve(Ap):
         ended = failure(cg.p, Ap, magnitudes(A, cg.p))
         if ended in ("singular matrix", "indefinite matrix"):
@@ -136,7 +136,7 @@ def _breakdown(A: Any, cg: Recursion, Ap: Float) -> Ended:
 
 @dataclass(eq=False)
 class _LookAhead:
-    """Accept or reject an iterate by the steps after it.
+    """Acceptance test of an iterate, by the error that the following steps reveal.
 
     The candidate ``x`` is the iterate of iteration ``at``, with energy norm ``energy_norm``. Its error is the
     sum of the reductions of ‖e‖_A² by later steps and the bound at the last step.
@@ -160,7 +160,10 @@ class _LookAhead:
     _restarts: Restarts = field(default_factory=lambda: Restarts(patience=1))
 
     def check(self, cg: Recursion, done: int) -> float:
-        """Return the residual size after step ``done``, of b − A x where this decides."""
+        """Judge the iterate after step ``done``, and return its residual size.
+
+        The residual is computed as b − A x where this decides.
+        """
         # 1. With a candidate: add the gain, and decide after the look-ahead.
         size = self.measure(cg.r)
         if self.x is not None:
@@ -181,7 +184,7 @@ class _LookAhead:
         return size
 
     def _likely(self, cg: Recursion) -> bool:
-        """Return True if the error bound at this step is small enough."""
+        """Return True if the error bound of the iterate is within the tolerance."""
         if self.energy_norm and not size_ratio(cg.error_bound(), self.energy_norm) <= self.tolerance:
             return False  # by an earlier, larger Ritz value
         if not self._has_spectrum(cg):
@@ -191,7 +194,7 @@ class _LookAhead:
         return self.error <= self.tolerance
 
     def _decide(self, cg: Recursion) -> None:
-        """Accept the candidate if its error is small, or discard the candidate."""
+        """Accept the candidate iterate if its error is within the tolerance, otherwise discard it."""
         if not self._has_spectrum(cg):
             return
         rounding = self._drift / float(np.sqrt(cg.ritz.least))
@@ -204,13 +207,13 @@ class _LookAhead:
                 self._restart(cg, self.b - self.A @ cg.x)
 
     def _has_spectrum(self, cg: Recursion) -> bool:
-        """Refresh the smallest Ritz value, and end unless it is positive."""
+        """Update the smallest Ritz value, and end the iteration unless it is positive."""
         if not cg.ritz.refresh() > 0.0:
             self.ended, self._text = "singular matrix", _ILL_CONDITIONED
         return not self.ended
 
     def _restart(self, cg: Recursion, exact: Float) -> None:
-        """Restart from b − A x, and end if the previous restart has gained nothing."""
+        """Restart from b − A x, and end the iteration if the previous restart has gained nothing."""
         cg.r = exact
         cg.precondition(_weigh_residual(self.weights, exact))
         cg.restart()
@@ -218,14 +221,14 @@ class _LookAhead:
             self.ended = "stagnation"
 
     def reason(self, size: float, at: int, done: int) -> str:
-        """Describe an iteration without convergence."""
+        """Return a text that describes an iteration without convergence."""
         near = f", energy error about {self.error:.1e}" if size <= self.tolerance else ""
         wanted = f"smallest relative residual {size:.1e} in iteration {at} of {done}{near}"
         return f"{self._text or SAID.get(self.ended, '')}{wanted}, required {self.tolerance:.1e}"
 
 
 def _weights(A: Any) -> Float | None:
-    """Return weights ``(n,)`` that scale penalty rows to the size of other rows, or None."""
+    """Return weights ``(n,)`` that scale penalty rows to the size of the others, or None without any."""
     rows = penalised_rows(A)
     if not len(rows):
         return None
@@ -241,5 +244,5 @@ def _weigh_residual(weights: Float | None, r: Float) -> Float:
 
 
 def _length(cg: Recursion, weights: Float | None) -> float:
-    """Return ‖r‖, known from r·r without weights."""
+    """Return ‖r‖, which is (z·r)^½ without weights."""
     return float(np.sqrt(cg.zr)) if weights is None else two_norm(cg.r)

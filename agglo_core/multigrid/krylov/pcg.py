@@ -164,7 +164,7 @@ def pcg_columns(
 
 
 def _solve_lifted(A: Any, b: Float, M: Any, x0: Float, rules: Rules, tell: Tell) -> tuple[History, ...]:
-    """Iterate on A x = b ``(n, k)`` after elimination of the values imposed by penalties."""
+    """Solve A x = b ``(n, k)`` iteratively after elimination of the values imposed by penalties."""
     rows = penalised_rows(A)
     offset, load = lifted(A, b, rows)
     start = x0 - offset
@@ -183,7 +183,7 @@ def _solve_lifted(A: Any, b: Float, M: Any, x0: Float, rules: Rules, tell: Tell)
 
 
 def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
-    """Run the iterations of all columns side by side, with joint products."""
+    """Run the iterations of all right-hand sides together, with joint matrix products."""
 
     def sizes(vectors: list[Float]) -> list[Float]:
         return [magnitudes(A, entry) for entry in vectors]
@@ -204,7 +204,7 @@ def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
 
 
 def _next_request(steps: Steps, answer: Any) -> Request | tuple[None, None]:
-    """Return the next request of an iteration, or None after its end."""
+    """Return the next product that an iteration requests (operator, vector), or None after its end."""
     try:
         return steps.send(answer)
     except StopIteration:
@@ -212,7 +212,7 @@ def _next_request(steps: Steps, answer: Any) -> Request | tuple[None, None]:
 
 
 def _product(name: str, operator: Any) -> Callable[[list[Float]], list[Float]]:
-    """Return the joint product of an operator with several vectors."""
+    """Return a function that multiplies several vectors by an operator at once."""
     if operator is None:
         return lambda vectors: vectors
     if not hasattr(operator, "shape"):

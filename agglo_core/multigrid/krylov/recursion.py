@@ -50,7 +50,10 @@ class Recursion:
     _x_added: Float = field(init=False)
 
     def restart(self) -> None:
-        """Set p = z. Later steps are summed separately, so that x is rounded once."""
+        """Begin anew with the direction p = z.
+
+        Later steps are summed separately, so that x is rounded once.
+        """
         self.p, self.pp = self.z, self.zr
         self._x_start, self._x_added = (self.x if self.x.any() else None), np.zeros(len(self.x))
         self.ritz.restart()
@@ -82,7 +85,7 @@ class Recursion:
         self.zr_before, self.zr = self.zr, float(z @ self.r)
 
     def cross(self) -> float:
-        """Return z·r_before, equal to 0 for linear symmetric M."""
+        """Return z·r_before, with the previous residual r_before: 0 for linear symmetric M."""
         assert self._r_before is not None  # a step was made
         return float(self.z @ self._r_before)
 

@@ -1,4 +1,4 @@
-"""Stopping rules of conjugate gradients, restarts, and a probe for modes hidden by b."""
+"""Stopping rules and restarts of conjugate gradients, and a probe for modes that b does not contain."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Rules:
     pace: float | None = None
 
     def exhausted(self, residuals: Sequence[float], size: float) -> bool:
-        """Return True if the iteration is too long, or its first steps are too slow.
+        """Return True at the maximum number of iterations, or after first steps that are too slow.
 
         Parameters
         ----------
@@ -80,7 +80,7 @@ Iterate = tuple[float, Float, Float]
 
 @dataclass(eq=False)
 class Restarts:
-    """Restarts from b − A x after drift of the recursive residual.
+    """Record of restarts from b − A x, made when the recursive residual has drifted away from it.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Restarts:
     _idle: int = 0
 
     def add(self, iterate: Iterate, bound: float = 1.0) -> bool:
-        """Record a restart with its error bound, and return True if restarts gain nothing any more.
+        """Record a restart with its error bound, and return True if restarts no longer reduce the error.
 
         Where rounding prevents further reduction, residual and error bound go up and down.
         """
@@ -117,7 +117,7 @@ Smaller: a more reliable eigenvalue, for more steps.
 
 
 def probe_ritz_value(n: int, done: int) -> Generator[Request, Float, float]:
-    """Estimate the smallest Ritz value of M A by steps from a random vector ``(n,)``.
+    """Estimate the smallest Ritz value of M A by conjugate gradients from a random vector ``(n,)``.
 
     The number of steps is at most four plus twice the iterations ``done``, and much smaller for a good M. No
     mode can hide by its absence from b. If the vector leads to a null vector of A, the steps are repeated
@@ -159,6 +159,6 @@ def _smallest_ritz_value(r: Float, most: int) -> Generator[Request, Float, float
 
 
 def is_rounding(r: Float, x: Float, b: Float) -> Generator[Request, Float, bool]:
-    """Return True if r = b − A x is within the rounding of x and A."""
+    """Return True if r = b − A x is no larger than the effect of rounding x and A."""
     magnitudes = yield "|A|", x
     return two_norm(r) <= 0.5 * LIMIT * two_norm(magnitudes + np.abs(b))

@@ -57,7 +57,7 @@ class BlockMatrix:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """``(n, n)``."""
+        """Shape ``(n, n)`` of the matrix."""
         n = self.matrix.shape[0]
         return n, n
 
@@ -116,7 +116,7 @@ class BlockMatrix:
 
     @cached_property
     def _arrays(self) -> tuple[NDArray[Any], ...]:
-        """Kernel arguments for matrix and inverses."""
+        """Arrays of the matrix and of its inverse diagonal blocks, as arguments for kernels."""
         A = self.matrix
         rows = (*_pattern(A), frozen(A.data, self.dtype).reshape(-1))
         inverses = frozen(self.inverses.data, self.dtype).reshape(-1)
@@ -166,7 +166,7 @@ def block_matrix(
 
 
 def in_blocks(A: Any, block_offsets: Int) -> Any:
-    """Return A as ``bsr_array`` if all parts have equal size, else as ``csr_array``, without duplicates.
+    """Return A as ``bsr_array`` if all parts have equal size, else as ``csr_array``, with duplicates summed.
 
     Raises
     ------
@@ -238,7 +238,7 @@ def block_inverses(A: Any, block_offsets: Int) -> Any:
 
 
 def _diagonal(A: Any, offsets: Int) -> Float:
-    """Return the diagonal blocks, stored by rows one after the other."""
+    """Return the diagonal blocks in a flat array, each stored by rows."""
     sizes, places = np.diff(offsets), _places(offsets)
     blocks = np.zeros(int(np.sum(sizes**2)))
     if A.format == "bsr":
@@ -256,13 +256,13 @@ def _diagonal(A: Any, offsets: Int) -> Float:
 
 
 def _places(offsets: Int) -> Int:
-    """Return the start of each diagonal block in row-wise storage."""
+    """Return the index of the first entry of each diagonal block in the flat array of all blocks."""
     squares = np.diff(offsets) ** 2
     return frozen_int(np.cumsum(squares) - squares)
 
 
 def in_precision(A: Any, dtype: Any) -> Any:
-    """Convert a sparse matrix to a precision.
+    """Convert a sparse matrix to single or double precision.
 
     In single precision, entries below 1e-22 times the largest become 0.
     """
@@ -275,7 +275,7 @@ def in_precision(A: Any, dtype: Any) -> Any:
 
 
 def _largest(data: NDArray[Any]) -> float:
-    """Return the largest magnitude without a temporary array."""
+    """Return the largest absolute value of an array, without a temporary copy."""
     return max(float(data.max(initial=0.0)), -float(data.min(initial=0.0)))
 
 
@@ -291,6 +291,6 @@ def _require_symmetric(A: Any) -> None:
 
 
 def _pattern(A: Any) -> tuple[NDArray[Any], ...]:
-    """Return offsets and columns with the index type of kernels."""
+    """Return row offsets and column indices in the integer type of the kernels."""
     small = max(A.indptr[-1], A.shape[0]) < np.iinfo(np.int32).max
     return tuple(frozen(each, np.int32 if small else np.int64) for each in (A.indptr, A.indices))

@@ -34,7 +34,7 @@ class BlockProduct:
 
 
 def fast_product(A: Any) -> Any:
-    """Return A as :class:`BlockProduct` if possible, else A itself."""
+    """Return A as :class:`BlockProduct` if it has square blocks of 2 to 16 unknowns, else A itself."""
     if getattr(A, "format", "") != "bsr" or A.dtype != np.float64:
         return A
     rows, columns = A.blocksize

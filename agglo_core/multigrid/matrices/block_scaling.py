@@ -18,7 +18,7 @@ from agglo_core.multigrid.kernels.unit_blocks import scale_blocks
 
 
 class Scaled(NamedTuple):
-    """Matrix with identity diagonal blocks, and its transformation.
+    """Matrix scaled to identity diagonal blocks, with the transformation T.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Scaled(NamedTuple):
 
 
 def block_scaled(A: Any) -> Scaled:
-    """Scale the unknowns of each block to an identity diagonal block.
+    """Transform the unknowns of each block so that its diagonal block becomes the identity.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Checks of user matrices, and conversion to the form for kernels."""
+"""Checks of user matrices, and conversion to the storage format of the kernels."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def canonical(A: Any) -> Any:
 def check_system(
     A: Any, block_offsets: ArrayLike | None, near_null: ArrayLike | None
 ) -> tuple[Any, Int, Float]:
-    """Return matrix, block offsets and near-null vectors, or raise OptionError with the misfit."""
+    """Return matrix, block offsets and near-null vectors after a check, or raise OptionError."""
     # Matrix: finite, with positive diagonal.
     if not sparse.issparse(A) or A.shape[0] != A.shape[1] or np.iscomplexobj(A):
         raise OptionError(

@@ -67,13 +67,13 @@ def have_kernels(*matrices: Any) -> bool:
 
 
 def block_matmat(A: Any, P: Any) -> sparse.bsr_array:
-    """Return A P with columns in any order."""
+    """Return A P for block matrices, with columns in any order."""
     places = frozen_index(np.arange(len(A.indices)))
     return _product(frozen_index(A.indptr), frozen_index(A.indices), places, A, 0, P)
 
 
 def block_galerkin(A: Any, P: Any) -> sparse.bsr_array:
-    """Return Pᵀ A P with sorted columns."""
+    """Return Pᵀ A P for block matrices, with sorted columns."""
     columns = P.shape[1] // P.blocksize[1]
     pattern = block_columns(frozen_index(P.indptr), frozen_index(P.indices), columns)
     starts, rows, places = (frozen_index(each) for each in pattern)
@@ -83,7 +83,7 @@ def block_galerkin(A: Any, P: Any) -> sparse.bsr_array:
 
 
 def _product(indptr: Any, rows: Any, places: Any, source: Any, transposed: int, P: Any) -> sparse.bsr_array:
-    """Return the product of matrix blocks, at their ``places``, with another matrix."""
+    """Multiply a block matrix, given by its pattern and the indices ``places`` of its blocks, by P."""
     width, columns = int(P.blocksize[0]), P.shape[1] // int(P.blocksize[0])
     first, second = (frozen_float(matrix.data).reshape(-1) for matrix in (source, P))
     pattern = frozen_index(P.indptr), frozen_index(P.indices)
@@ -157,7 +157,7 @@ def build_stack(
     patches: Sequence[Patches | None] | None = None,
     steps: int = 1,
 ) -> LevelStack:
-    """Build a stack of levels with coarse matrices Pᵀ A P, multiplied in double precision.
+    """Build the levels of a multigrid method with coarse matrices Pᵀ A P, computed in double precision.
 
     Parameters
     ----------

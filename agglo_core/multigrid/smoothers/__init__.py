@@ -1,1 +1,1 @@
-"""Level smoothers: block sweeps, patches, polynomials."""
+"""Smoothers of multigrid levels: block sweeps, patches, polynomials."""

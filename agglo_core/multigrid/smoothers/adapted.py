@@ -1,4 +1,4 @@
-"""Adapter for smoother components, including plugins, to the levels of a stack."""
+"""Adapter that makes smoother components, including plugins, usable in multigrid cycles."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class _Component(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Adapted:
-    """Result of a smoother's ``setup``, checked at each call, before and after a coarse correction.
+    """Smoother component in a cycle, before and after a coarse correction, checked at each call.
 
     If the result has methods ``before`` and ``after`` besides being callable, these are used. Otherwise
     ``smooth(b, x)`` runs from zero before, and again after the correction, and the cycle is symmetric if
@@ -100,7 +100,7 @@ class Adapted:
 def adapted(
     smoother: _Component, level: MultigridLevel, title: str = "smoother", guard: Guard = nullcontext
 ) -> Adapted:
-    """Set up a component of kind ``smoother`` on a level, for the cycles of a stack.
+    """Set up a component of kind ``smoother`` on a multigrid level, for use in cycles.
 
     Parameters
     ----------

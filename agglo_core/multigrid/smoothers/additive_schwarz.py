@@ -110,7 +110,7 @@ def _sum_solutions(local: Sequence[tuple[Int, Solve]], below: tuple[Any, Any, So
 
 
 def _subdomains(strength: Couplings, offsets: Int, domain: Int, overlap: int) -> list[Int]:
-    """Return the unknowns of each subdomain, ascending."""
+    """Return the unknowns of each overlapping subdomain, in ascending order."""
     n = len(domain)
     graph = sparse.csr_array((np.ones(len(strength.to)), strength.to, strength.graph), shape=(n, n))
     member = sparse.csr_array((np.ones(n), (np.arange(n), domain)))

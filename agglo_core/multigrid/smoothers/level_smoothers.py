@@ -1,4 +1,4 @@
-"""Level smoothers by name, or from components of kind ``smoother``."""
+"""Smoothers of multigrid levels, by name or from components of kind ``smoother``."""
 
 from __future__ import annotations
 
@@ -95,7 +95,10 @@ class BlockJacobi:
     uses_coarse: ClassVar[bool] = False
 
     def setup(self, level: MultigridLevel, dtype: Any = np.float64) -> _Steps:
-        """Return the level smoother with ``level.steps`` steps, with errors as :class:`GaussSeidel`."""
+        """Return the level smoother, with ``level.steps`` steps.
+
+        Exceptions are those of :class:`GaussSeidel`.
+        """
         A = block_matrix(level.A, level.block_offsets, dtype)
         damping = 4.0 / (3.0 * largest_eigenvalue(A, A.inverses.__matmul__))
         return _Steps(A, tuple((0.0, damping) for _ in range(level.steps)))
@@ -140,7 +143,10 @@ class Chebyshev:
         self.degree, self.ratio = degree, float(ratio)
 
     def setup(self, level: MultigridLevel, dtype: Any = np.float64) -> _Steps:
-        """Return the level smoother with ``level.steps`` steps, with errors as :class:`GaussSeidel`."""
+        """Return the level smoother, with ``level.steps`` steps.
+
+        Exceptions are those of :class:`GaussSeidel`.
+        """
         A = block_matrix(level.A, level.block_offsets, dtype)
         most = 1.05 * largest_eigenvalue(A, A.inverses.__matmul__)  # the estimate may be slightly low
         centre, radius = 0.5 * (most + most / self.ratio), 0.5 * (most - most / self.ratio)
@@ -148,7 +154,7 @@ class Chebyshev:
 
 
 def _chebyshev(centre: float, radius: float, degree: int) -> tuple[tuple[float, float], ...]:
-    """Return the factors of the last step and of D⁻¹ r per step (Saad, Iterative Methods, algorithm 12.1)."""
+    """Return the factors α, β of each Chebyshev step (Saad, Iterative Methods, algorithm 12.1)."""
     sigma = centre / radius
     rho = 1.0 / sigma
     steps = [(0.0, 1.0 / centre)]
@@ -161,7 +167,7 @@ def _chebyshev(centre: float, radius: float, degree: int) -> tuple[tuple[float, 
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Steps d ← α d + β D⁻¹ r, x ← x + d: self-adjoint polynomials in D⁻¹A."""
+    """Smoother by steps d ← α d + β D⁻¹ r, x ← x + d: a self-adjoint polynomial in D⁻¹A."""
 
     A: BlockMatrix
     factors: tuple[tuple[float, float], ...]
@@ -198,7 +204,7 @@ SMOOTHERS: Final[Mapping[str, Callable[[], _Own]]] = {
 
 
 def smoother_setup(given: Any) -> SetUp:
-    """Return the set-up function of a smoother.
+    """Return the function that sets up a smoother on a level.
 
     Parameters
     ----------

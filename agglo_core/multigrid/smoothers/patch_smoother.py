@@ -34,7 +34,7 @@ Other sizes share a kernel (benchmarks/solve.py).
 
 
 class _Inverses:
-    """Inverses of a block matrix on patches, as lower halves or in full."""
+    """Inverses of a block matrix on patches, stored as lower triangles or in full."""
 
     def __init__(self, A: Any, patches: Patches, dtype: Any, *, half: bool, some: bool = False) -> None:
         self.offsets, self.parts = _check_patches(A, patches, some)
@@ -82,14 +82,14 @@ def _order_groups(whole: _Inverses, groups: Int, indptr: Int, indices: Any, bloc
 
 
 def _slices(starts: Int, slices: Int) -> tuple[Int, Int]:
-    """Concatenate the slices ``starts[i]:starts[i + 1]``, and return their new starts and their indices."""
+    """Concatenate the index ranges ``starts[i]:starts[i + 1]``, and return new offsets and all indices."""
     sizes = starts[slices + 1] - starts[slices]
     begin = np.concatenate(([0], np.cumsum(sizes)))
     return frozen_int(begin), frozen_int(np.repeat(starts[slices] - begin[:-1], sizes) + np.arange(begin[-1]))
 
 
 class _Factors:
-    """Factors of a block matrix on patches."""
+    """Block factors L D Lᵀ of a matrix on patches."""
 
     def __init__(self, A: Any, patches: Patches, dtype: Any, some: bool) -> None:
         self.offsets, parts = _check_patches(A, patches, some)
@@ -116,7 +116,7 @@ def _without_tiny(values: Real) -> Real:
 
 
 def _check_patches(A: Any, patches: Patches, some: bool) -> tuple[Int, Any]:
-    """Return offsets and parts of patches, checked to cover all parts, or only ``some``, and no others."""
+    """Return offsets and parts of patches after a check that they cover all parts (or only ``some``)."""
     offsets, parts, n_parts = (
         frozen_int(patches.offsets),
         frozen_index(patches.parts),
@@ -239,7 +239,7 @@ class AdditivePatches:
         return x, b - self.A @ x
 
     def after(self, b: Real, x: Real) -> Real:
-        """Return x after another step."""
+        """Return x after another damped step."""
         better: Real = x + self._damping * self._summed(b - self.A @ x)
         return better
 
@@ -255,7 +255,7 @@ class PatchSmoother:
     uses_coarse: ClassVar[bool] = False
 
     def setup(self, level: MultigridLevel) -> Callable[[Float, Float], Float]:
-        """Return ``smooth(b, x)``.
+        """Return the smoother of a level as a function ``smooth(b, x)``.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Patches (sets of jointly solved parts): around vertices, or joined by faces."""
+"""Patches (sets of jointly solved parts): around vertices, or from pairs of coupled parts."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = _MOST) 
 
 
 def _join_short_edges(mesh: Mesh, most: int) -> tuple[Index, int]:
-    """Return the group of each point ``(n_points,)`` after joining short edges, and the number of groups.
+    """Join points along short edges, and return the group of each point ``(n_points,)`` and their number.
 
     Up to three points are joined, along the shortest edges. Points of too many cells are not joined, as the
     cells around three of these might exceed ``most``.
@@ -82,7 +82,7 @@ def _join_short_edges(mesh: Mesh, most: int) -> tuple[Index, int]:
 
 
 def _edges(mesh: Mesh) -> tuple[Int, Int]:
-    """Return the ends ``(m, 2)`` of face edges with their faces, repeated for shared edges in 3-D."""
+    """Return the end points ``(m, 2)`` and the face of each face edge, repeated for shared edges in 3-D."""
     if mesh.dim == 2:
         return mesh.face_pairs, frozen_int(np.arange(mesh.n_faces))
     following = np.arange(1, len(mesh.face_vertices) + 1)
@@ -92,7 +92,7 @@ def _edges(mesh: Mesh) -> tuple[Int, Int]:
 
 
 def joined_patches(pairs: Int, n_parts: int, *, most: int = 8) -> Patches:
-    """Join parts to groups by uniting pairs in order, with at most ``most`` parts per group.
+    """Join parts into groups of at most ``most`` parts by uniting given pairs in order.
 
     Given the pairs of strongly coupled parts, strongest first, block Gauss–Seidel over the groups replaces
     vertex patches on meshes with flat cells (lines through boundary layers, bundles of slivers). The cost is

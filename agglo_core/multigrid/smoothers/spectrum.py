@@ -13,7 +13,7 @@ _STEPS = 12  # default number of Lanczos steps; more: sharper, slower set-up (be
 
 
 def largest_eigenvalue(A: Any, precondition: Solve, steps: int = _STEPS) -> float:
-    """Estimate the largest eigenvalue of M⁻¹A slightly from below, by Lanczos from a fixed start.
+    """Estimate the largest eigenvalue of M⁻¹A slightly from below, by Lanczos steps from a fixed vector.
 
     Parameters
     ----------
