@@ -270,7 +270,7 @@ def _apply_correction(P: Any, solve: Solve, PT: Any, r: Float) -> Float:
 
 
 def _check_matrix(title: str, result: Any, shape: tuple[int, int | None]) -> Any:
-    """Return a matrix in CSR or BSR format, or raise PluginError unless it is real, finite and of this shape.
+    """Check shape and values of the matrix from a component, and return it in CSR or BSR format.
 
     None in the shape stands for any number of columns.
     """

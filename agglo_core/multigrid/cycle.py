@@ -60,7 +60,7 @@ def cycle(stack: LevelStack, kind: Kind = "V") -> LinearOperator:
 
 
 def _apply_cycle(stack: LevelStack, kind: Kind, r: Any) -> Any:
-    """Apply a cycle to a residual, scaled to maximum norm 1 to stay in the range of single precision."""
+    """Apply a cycle to a residual, scaled to maximum norm 1 for cycles in single precision."""
     residual = np.asarray(r, dtype=np.float64).ravel()
     size = max(float(residual.max(initial=0.0)), -float(residual.min(initial=0.0)))
     if not size > 0.0 or not np.isfinite(size):

@@ -73,7 +73,7 @@ class CoarseSolver(Protocol):
     """
 
     def solver_for(self, A: Any) -> Solve:
-        """Return a function from b ``(n,)`` to x with A x = b, or raise LinAlgError for an unsuitable A."""
+        """Return a function from b ``(n,)`` to x with A x = b, or raise LinAlgError if A is unsuitable."""
 
 
 def part(kind: str, given: Any, own: Mapping[str, Callable[[], Any]], registry: Registry | None) -> Member:

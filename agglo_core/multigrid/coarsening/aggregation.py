@@ -228,7 +228,7 @@ def _level(
 
 
 def _current_labels(labels: Int, holder: Int, parts: int) -> Int:
-    """Return the label of each part on a level: the label of the first part of A that it contains."""
+    """Return the label of each part on a level, from the first part of A inside it."""
     inside = np.flatnonzero(holder >= 0)[::-1]
     found = np.zeros(parts, np.int64)
     found[holder[inside]] = labels[inside]

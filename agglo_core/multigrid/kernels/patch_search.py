@@ -9,7 +9,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @kernel
 def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_groups, n_parts, most):
-    """Collect, as CSR, the distinct sets of 2 to ``most`` parts that meet at a vertex or a vertex group.
+    """Collect the distinct sets of 2 to ``most`` parts around a vertex or vertex group, as CSR.
 
     Cell c has the vertices ``cell_vertices[cell_offsets[c]:cell_offsets[c + 1]]`` and the part ``labels[c]``.
     ``vertex_groups`` is the group of each vertex. Parts ascend within sets, and sets follow their first
@@ -87,7 +87,7 @@ def _comes_before(parts, offsets, s, t):
 
 @kernel
 def without_contained(offsets, parts, n_parts):
-    """Drop sets contained in larger sets, and add a separate set for each part that is in no set.
+    """Drop sets contained in larger sets, and add a set for each part that is in no set.
 
     Sets are CSR, distinct, with ascending parts, also in the result. The order of sets is lexicographic.
     """

@@ -159,6 +159,6 @@ def _smallest_ritz_value(r: Float, most: int) -> Generator[Request, Float, float
 
 
 def is_rounding(r: Float, x: Float, b: Float) -> Generator[Request, Float, bool]:
-    """Return True if r = b − A x is no larger than the effect of rounding x and A."""
+    """Return True if rounding of x and A explains the residual r = b − A x."""
     magnitudes = yield "|A|", x
     return two_norm(r) <= 0.5 * LIMIT * two_norm(magnitudes + np.abs(b))

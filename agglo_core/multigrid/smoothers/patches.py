@@ -82,7 +82,7 @@ def _join_short_edges(mesh: Mesh, most: int) -> tuple[Index, int]:
 
 
 def _edges(mesh: Mesh) -> tuple[Int, Int]:
-    """Return the end points ``(m, 2)`` and the face of each face edge, repeated for shared edges in 3-D."""
+    """Return end points ``(m, 2)`` and face of each face edge, with shared edges repeated in 3-D."""
     if mesh.dim == 2:
         return mesh.face_pairs, frozen_int(np.arange(mesh.n_faces))
     following = np.arange(1, len(mesh.face_vertices) + 1)
