@@ -18,7 +18,7 @@ class Galerkin:
 
 
 class Rediscretised:
-    """Matrix of a new discretisation on the agglomerates, with penalties for their sizes."""
+    """Matrix of the problem discretised on the agglomerates, with penalties computed from their sizes."""
 
     def coarse_matrix(self, step: Coarsening, P: Any) -> Any:
         """Return the matrix ``(m, m)`` of the problem discretised on the agglomerates.

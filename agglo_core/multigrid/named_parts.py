@@ -16,7 +16,7 @@ from agglo_core.registry.options import name_and_options
 
 @runtime_checkable
 class Transfer(Protocol):
-    """Prolongation from a coarse level to the next finer level.
+    """Component that computes the prolongation from a coarse level to the next finer level.
 
     Restriction is the transpose.
 
@@ -34,7 +34,7 @@ class Transfer(Protocol):
     """
 
     def prolongation(self, step: Coarsening) -> Any:
-        """Return a sparse P ``(n, m)`` with coarse unknowns part by part, or a CoarseSpace."""
+        """Return a sparse prolongation P ``(n, m)`` with coarse unknowns part by part, or a CoarseSpace."""
 
 
 @runtime_checkable
@@ -52,7 +52,7 @@ class CoarseOperator(Protocol):
     """
 
     def coarse_matrix(self, step: Coarsening, P: Any) -> Any:
-        """Return a symmetric positive definite matrix ``(m, m)`` sparse, for P ``(n, m)``."""
+        """Return a sparse symmetric positive definite matrix ``(m, m)``, for a prolongation P ``(n, m)``."""
 
 
 @runtime_checkable

@@ -108,7 +108,7 @@ class Level(FieldState):
         return sparse.csr_array(self.P.T)
 
     def restricted(self, r: Real) -> Real:
-        """Return Pᵀ r ``(m,)``."""
+        """Return the restricted residual Pᵀ r ``(m,)``."""
         columns = self._columns
         if columns is None or r.dtype != self.P.dtype:
             return np.asarray(self.PT @ r)
@@ -117,7 +117,7 @@ class Level(FieldState):
         return found
 
     def prolonged(self, x: Real, y: Real) -> Real:
-        """Return x + P y ``(n,)`` as a new array."""
+        """Return the corrected iterate x + P y ``(n,)`` as a new array."""
         columns = self._columns
         if columns is None or not x.dtype == y.dtype == self.P.dtype:
             return np.asarray(x + self.P @ y)

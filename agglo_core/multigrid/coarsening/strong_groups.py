@@ -60,7 +60,7 @@ def strong_groups(A: Any, most: int) -> Patches:
 
 
 def group_smoother(A: Any, most: int, dtype: Any = np.float64) -> VertexPatches:
-    """Return symmetric block Gauss–Seidel over :func:`strong_groups`, with 1 + 1e-6 times the diagonal.
+    """Return symmetric block Gauss–Seidel over :func:`strong_groups`, for A plus 1e-6 times its diagonal.
 
     Raises
     ------

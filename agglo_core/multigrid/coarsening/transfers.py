@@ -16,7 +16,9 @@ from agglo_core.problems import Coarsening, CoarseSpace
 
 
 def parents(fine: Int, coarse: Int) -> Int | None:
-    """Return the coarse part that contains each fine part (labels ``(n,)``), or None if not nested.
+    """Return the coarse part that contains each fine part, or None if a fine part lies in several.
+
+    Both levels are given by labels ``(n,)``.
 
     Examples
     --------

@@ -175,7 +175,7 @@ def split_labels(graph, to, weight, size, theta, labels):
 
 @kernel
 def split_weak(indptr, indices, data, offsets, part_of, graph, to, weight, size, least, vectors):
-    """Return F, the matrix A without weak blocks, and (A − F) B.
+    """Return F, the matrix A without weak blocks, and (A − F) B for near-null vectors B.
 
     A and F are CSR ``indptr, indices, data``, and B are the ``vectors (n, k)``. A block is weak if its
     coupling is at most ``least`` times the size of its row part. ``graph, to, weight, size`` are the

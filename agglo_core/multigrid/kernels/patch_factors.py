@@ -17,7 +17,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @kernel
 def patch_orders(offsets, parts, indptr, indices):
-    """Order the parts of each patch by minimum degree, and find the pattern of L.
+    """Order the parts of each patch by minimum degree, and find the sparsity pattern of the factor L.
 
     Patch i has the parts ``parts[offsets[i]:offsets[i + 1]]`` of a block matrix. Returns the parts, permuted
     within patches so that the next part always has the fewest neighbours, and the pattern of L: the column of

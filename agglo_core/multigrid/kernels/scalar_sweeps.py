@@ -12,7 +12,7 @@ from agglo_core.compiled.compiling import kernel
 
 @kernel
 def first_sweep(indptr, indices, data, inverse, b):
-    """Return x = (D + L)⁻¹ b, a forward sweep from zero, and b − A x.
+    """Return x = (D + L)⁻¹ b, a forward sweep from zero, and the residual b − A x.
 
     ``inverse`` is the reciprocal diagonal. Row i is used as column i: as soon as x_i is known, the residuals
     of the neighbours are updated, so that each entry of A is read once.

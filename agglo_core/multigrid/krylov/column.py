@@ -1,4 +1,4 @@
-"""Preconditioned conjugate gradients for one right-hand side: tests, restarts, verified convergence.
+"""Preconditioned conjugate gradients for one right-hand side, with stopping tests and restarts.
 
 The iteration is a generator that yields requests for products, so that products of several columns are
 computed together.
@@ -79,7 +79,7 @@ class Column:
         return len(self.residuals) - 1
 
     def run(self) -> Steps:
-        """Run the iteration until ``ended`` states its end, and yield requests for matrix products."""
+        """Run the iteration until ``ended`` gives a reason, and yield requests for matrix products."""
         yield from self._begin()
         while not self.ended:
             if self._least is None or self.size < self._least[0]:

@@ -228,7 +228,7 @@ class _LookAhead:
 
 
 def _weights(A: Any) -> Float | None:
-    """Return weights ``(n,)`` that scale penalty rows to the size of the others, or None without any."""
+    """Return weights ``(n,)`` that scale penalty rows to the size of other rows, None without penalties."""
     rows = penalised_rows(A)
     if not len(rows):
         return None

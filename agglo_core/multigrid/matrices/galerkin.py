@@ -1,4 +1,4 @@
-"""Galerkin products Pᵀ A P, in blocks or entry by entry, and stacks built from these products."""
+"""Galerkin products Pᵀ A P, in blocks or entry by entry, and multigrid levels built from them."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def product_entries(A: Any, P: Any) -> float:
 
 
 def have_kernels(*matrices: Any) -> bool:
-    """Return True if all matrices have square blocks of one size from 2 to 16 in double precision."""
+    """Return True if all matrices have square blocks of the same size, 2 to 16, in double precision."""
     if any(matrix.format != "bsr" or matrix.dtype != np.float64 for matrix in matrices):
         return False
     sizes = {size for matrix in matrices for size in matrix.blocksize}

@@ -61,7 +61,7 @@ class ScalarGaussSeidel:
         self._inverse = frozen(1.0 / diagonal, dtype)
 
     def before(self, b: Real) -> tuple[Real, Real]:
-        """Return x ``(n,)`` after a forward sweep from 0, and b − A x."""
+        """Return x ``(n,)`` after a forward sweep from 0, and the residual b − A x."""
         x, r = first_sweep(*self._A, self._inverse, frozen(b, self._dtype))
         return x, r
 
