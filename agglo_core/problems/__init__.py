@@ -1,4 +1,4 @@
-"""Problems, their solutions, and the interpretation of both on a mesh."""
+"""Boundary value problems and linear systems, their solutions, and protocols of discretisations."""
 
 from agglo_core.problems.choosing import discretisation_of, named_problem, read_problem, require_accepted
 from agglo_core.problems.diffusion import Diffusion

@@ -1,4 +1,4 @@
-"""Problems by name or from a TOML file, with checks against solvers."""
+"""Choice of problems by name or from a TOML file, with checks that a solver accepts them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def named_problem(
     *,
     allow_code: bool = False,
 ) -> Problem:
-    """Return a problem by component name or TOML file, as posed on a mesh.
+    """Return the problem with a component name or from a TOML file, posed on a mesh.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def require_accepted(solver: object, problem: Problem, name: str = "") -> None:
 
 
 def discretisation_of(solver: object, problem: Problem) -> Discretisation | None:
-    """Return the discretisation that interprets a solver's unknowns, or None if not available.
+    """Return the discretisation behind a solver's unknowns, or None if it has none for the problem.
 
     Raises
     ------
@@ -180,7 +180,7 @@ def _check_problem(problem: Any, maker: str) -> Problem:
 
 
 def _reader_of(kind: Any, registry: Registry) -> tuple[Any, str]:
-    """Return ``from_table`` of the class declared for a kind, and a title for errors."""
+    """Return the function ``from_table`` that reads problems of a kind, and its title for error messages."""
     if not isinstance(kind, str):
         raise OptionError(f"kind must be the name of a problem kind, given {kind!r:.60}")
     record = registry.record(_KIND, kind)

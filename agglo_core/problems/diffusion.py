@@ -133,7 +133,7 @@ class Diffusion:
         return cls()
 
     def posed_on(self, mesh: Mesh) -> Self:
-        """Return the problem, without ``exact`` if u = 0 on the mesh boundary but ``exact`` ≠ 0 there."""
+        """Return the problem, without the exact solution if that violates u = 0 on the mesh boundary."""
         given = self.dirichlet or self.neumann
         if self.exact is None or given:
             return self
@@ -167,7 +167,7 @@ def constant(source: float = 8.0) -> Diffusion:
 
 
 def sine() -> Diffusion:
-    """Return the paper's problem with u = sin πx sin πy on the unit square, so f = 2π² u.
+    """Return the problem −Δu = f of the paper: u = sin πx sin πy on the unit square, f = 2π² u.
 
     In 3-D, f = 3π² u with u = sin πx sin πy sin πz on the unit cube.
     """

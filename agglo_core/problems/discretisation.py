@@ -17,7 +17,7 @@ Field = float | Float | Callable[[Float], Float]
 
 @runtime_checkable
 class Problem(Protocol):
-    """Problem for a solver, identified by its kind.
+    """Problem to be solved, with the name of its kind, such as diffusion.
 
     ``kind`` is the component name of the class (component kind ``problem``). A solver lists the accepted
     kinds in ``accepts``. The optional method ``posed_on(mesh)`` returns the problem as posed on a mesh, and
@@ -36,7 +36,7 @@ class Problem(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Function values at points in each cell, with simplices between the points, for files and pictures.
+    """Function values at points in each cell, with simplices between the points, for files and plots.
 
     Cells do not share points, so that jumps remain visible.
 
@@ -89,7 +89,7 @@ class Samples:
 
 @runtime_checkable
 class Discretisation(Protocol):
-    """Map from problems on a mesh to linear systems, with interpretation of the unknowns.
+    """Map from problems on a mesh to linear systems, and from unknowns back to functions.
 
     Solvers with an attribute ``discretisation`` get the files, pictures and error norms of ``agglo solve``.
     ``accepts`` lists the kinds of problem that can be discretised. Unknowns of other problems, such as linear
@@ -111,7 +111,7 @@ class Discretisation(Protocol):
     accepts: tuple[str, ...]
 
     def check(self, problem: Problem, mesh: Mesh) -> None:
-        """Quick check: raise an AggloError if the problem cannot be discretised on the mesh."""
+        """Raise an AggloError if the problem cannot be discretised on the mesh (a quick check)."""
         ...
 
     def assemble(self, problem: Problem, mesh: Mesh) -> System:
@@ -130,15 +130,15 @@ class Discretisation(Protocol):
         ...
 
     def evaluate(self, mesh: Mesh, x: Float, points: Float) -> Float:
-        """Return the function values ``(q,)`` for unknowns ``x (n,)`` at points, NaN outside the mesh."""
+        """Evaluate the function with unknowns ``x (n,)`` at points: values ``(q,)``, NaN outside the mesh."""
         ...
 
     def sample(self, mesh: Mesh, x: Float) -> Samples:
-        """Return the function with unknowns ``x (n,)`` at points in each cell."""
+        """Return the values of the function with unknowns ``x (n,)`` at points in each cell."""
         ...
 
     def errors(self, problem: Problem, mesh: Mesh, x: Float) -> Mapping[str, float]:
-        """Return error norms by name (``"l2"``, …), or no norms without exact solution."""
+        """Return norms of the error by name (``"l2"``, …), or none without an exact solution."""
         ...
 
     def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:

@@ -40,7 +40,7 @@ def empty_array() -> Float:
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """Iterate ``x (n,)`` with its residual history, and the outcome.
+    """Final iterate ``x (n,)`` of an iteration, with residual history and outcome.
 
     ``residuals`` are 2-norms, starting before the first iteration.
 
@@ -80,7 +80,7 @@ class History:
 
     @property
     def energy_errors(self) -> Float:
-        """Estimates of the relative energy error before the first and after each iteration, or empty.
+        """Estimates of the relative energy error before the first and after each iteration, empty if unknown.
 
         The estimates sum the final error and all later gains (Hestenes and Stiefel, 1952). The identity holds
         for conjugate gradients with any preconditioner, because exact steps along any direction preserve it.
@@ -102,7 +102,7 @@ class History:
 
     @property
     def preconditioner_failed(self) -> bool:
-        """Return True if the preconditioner failed.
+        """Return True if a faulty preconditioner ended the iteration.
 
         Another preconditioner, for example in double precision, may continue from x.
         """
@@ -122,7 +122,7 @@ def unsolved(b: Float, reason: str) -> History:
 
 
 def iterated(iterations: int, size: float, tolerance: float) -> tuple[float, str]:
-    """Return the progress of an iteration (digits gained over digits required) and a description.
+    """Return the progress of an iteration as a fraction (digits gained over digits required) and as text.
 
     Parameters
     ----------

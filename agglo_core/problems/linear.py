@@ -1,4 +1,4 @@
-"""Given linear systems A x = b, with unknowns in the cells of a mesh.
+"""Linear systems A x = b given by the user, with unknowns in the cells of a mesh.
 
 As a TOML table:
 
@@ -152,7 +152,7 @@ def _file(key: str, table: Mapping[str, Any], folder: Path) -> Path:
 
 @contextmanager
 def _guard_reading(key: str, path: Path, suffixes: Sequence[str]) -> Iterator[None]:
-    """Check the suffix of a file, and convert reader errors to FileErrors that name the file."""
+    """Check the suffix of a file, and convert exceptions of readers to FileErrors that name the file."""
     if path.suffix.lower() not in suffixes:
         raise OptionError(f"{key} must end in {', '.join(suffixes)}, given {path.name!r}")
     try:
@@ -173,7 +173,7 @@ def _require_finite(values: Any) -> None:
 
 
 def _near_null(table: Mapping[str, Any], matrix: Path, n: int, folder: Path) -> Float | None:
-    """Return near-null vectors ``(n, m)`` from their own file or from the matrix file, or None."""
+    """Read near-null vectors ``(n, m)`` from their own or the matrix file, or return None without any."""
     path = matrix
     if "near_null" in table:
         path = _file("near_null", table, folder)
@@ -188,13 +188,13 @@ def _near_null(table: Mapping[str, Any], matrix: Path, n: int, folder: Path) -> 
 
 
 def _has_array(path: Path, name: str) -> bool:
-    """Return True if a matrix file contains another array with this name."""
+    """Return True if a matrix file (``.npz``) also contains an array with this name."""
     with _guard_reading("matrix", path, MATRIX_SUFFIXES):
         return path.suffix.lower() == ".npz" and name in matrix_archive(path).members
 
 
 def _stored_offsets(matrix: Path, n: int, mesh: Mesh) -> Int | None:
-    """Return ``block_offsets`` from a matrix file, or None."""
+    """Return ``block_offsets`` from a matrix file, or None if the file does not contain them."""
     if not _has_array(matrix, "block_offsets"):
         return None
     with _guard_reading("matrix", matrix, MATRIX_SUFFIXES):
@@ -212,7 +212,7 @@ def _stored_offsets(matrix: Path, n: int, mesh: Mesh) -> Int | None:
 
 
 def _width(unknowns: Any, n: int, mesh: Mesh) -> int:
-    """Return the number of unknowns per cell, or raise OptionError."""
+    """Return the number of unknowns per cell, or raise OptionError if it does not fit the matrix."""
     if unknowns is None:
         if n % mesh.n_cells or not n:
             raise OptionError(f"matrix: its {n} rows cannot be divided equally among {mesh.n_cells} cells")
@@ -228,7 +228,7 @@ def _width(unknowns: Any, n: int, mesh: Mesh) -> int:
 
 
 def symmetric_system(problem: Linear) -> tuple[sparse.csr_array, Float]:
-    """Return the matrix ``(n, n)`` and right-hand side ``(n,)`` of a linear problem as real numbers.
+    """Return matrix ``(n, n)`` and right-hand side ``(n,)`` of a linear problem, checked to be symmetric.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Levels of multigrid methods: input for smoothers and coarse operators, and a table of levels."""
+"""Multigrid levels as smoothers, transfers and coarse operators receive them, and a table of levels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from agglo_core.arrays import Float, Int
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Groups of parts with jointly solved unknowns, possibly overlapping.
+    """Groups of parts whose unknowns are solved for together, possibly overlapping.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Patches:
 
 @dataclass(frozen=True, eq=False)
 class MultigridLevel:
-    """Level to be smoothed.
+    """One multigrid level as smoothers receive it: matrix, blocks, and transfer to the coarser level.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class MultigridLevel:
 
 @dataclass(frozen=True, eq=False)
 class Coarsening:
-    """Level with the agglomerates that become parts of the next coarser level.
+    """One multigrid level as transfers receive it: matrix, parts, and agglomerates of the parts.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class Coarsening:
 
 @dataclass(frozen=True, eq=False)
 class CoarseSpace:
-    """Result of a transfer if P alone is not sufficient.
+    """Coarse space of a transfer: prolongation P, coarse block offsets, and coarse near-null vectors.
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ class CoarseSpace:
 
 
 class LevelTable:
-    """Table of unknowns and matrix entries per level.
+    """Table of unknowns and matrix entries of each multigrid level.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Conversion of arrays and matrices to real numbers in canonical form."""
+"""Conversion of arrays and sparse matrices to real numbers and canonical storage."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _PARTS = ("data", "indices", "indptr")
 
 
 def real_matrix(given: Any) -> Any:
-    """Return a matrix as :func:`canonical_matrix` in float64.
+    """Return a real matrix in float64, in the canonical form of :func:`canonical_matrix`.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def canonical_matrix(A: Any) -> Any:
 
 
 def protect_array(values: NDArray[Any]) -> NDArray[Any]:
-    """Return a protected read-only array, copied unless already protected."""
+    """Return a read-only array, copied unless its memory is already read-only."""
     base: Any = values
     while isinstance(base, np.ndarray) and not base.flags.writeable and base.base is not None:
         base = base.base
@@ -79,7 +79,7 @@ def protect_array(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _freeze(values: NDArray[Any]) -> NDArray[Any]:
-    """Protect an own array and its base arrays."""
+    """Make an array and its base arrays read-only, without a copy."""
     base: Any = values
     while isinstance(base, np.ndarray):
         base.flags.writeable = False
@@ -88,7 +88,7 @@ def _freeze(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _sound_parts(A: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Return data, indices and indptr of a compressed matrix, checked, without unused entries."""
+    """Return data, indices and indptr of a compressed matrix after a check, without unused entries."""
     # Check dimensions and index types.
     data, indices, indptr = (np.asarray(getattr(A, name)) for name in _PARTS)
     blocks = A.format == "bsr"
@@ -131,7 +131,7 @@ def _coordinates(A: Any) -> Any:
 
 
 def _triples(A: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Return values, rows and columns of the entries.
+    """Return values, row indices and column indices of the entries of a matrix.
 
     scipy's own conversions do not check offsets and lists.
     """
@@ -196,7 +196,7 @@ def require_finite(b: Float, A: Any) -> None:
 
 
 def require_symmetric(A: Any) -> None:
-    """Raise OptionError, with an entry, unless a matrix is symmetric up to rounding.
+    """Raise OptionError that names an entry, unless a matrix is symmetric up to rounding.
 
     Entries a_ij and a_ji may differ by 1e-10 (a_ii a_jj)^½, independent of other rows.
     """
@@ -215,6 +215,6 @@ def require_symmetric(A: Any) -> None:
 
 
 def _distinct_texts(a: float, b: float) -> tuple[str, str]:
-    """Return texts of two different numbers, with enough digits to differ."""
+    """Format two different numbers with enough digits to distinguish them."""
     short = f"{a:g}", f"{b:g}"
     return short if short[0] != short[1] else (repr(a), repr(b))

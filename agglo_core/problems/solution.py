@@ -1,4 +1,4 @@
-"""Solutions returned by solvers, and record fields computed on first use."""
+"""Solutions returned by solvers, and dataclass fields computed on first use."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Deferred:
 
     @property
     def value(self) -> Any:
-        """The value."""
+        """The value, computed on first access."""
         if self._make is not None:
             self._value, self._make = self._make(), None
         return self._value
@@ -63,7 +63,7 @@ def deferrable(*names: str) -> Callable[[type[_Record]], type[_Record]]:
 
 
 class _Field:
-    """Descriptor of a field, with deferred values computed on access."""
+    """Descriptor of a dataclass field whose deferred value is computed on access."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -171,7 +171,7 @@ class Solution:
 
     @property
     def outcome(self) -> str:
-        """``"converged"``, ``"limited by rounding"`` or ``"not converged"``."""
+        """Outcome in words: ``"converged"``, ``"limited by rounding"`` or ``"not converged"``."""
         if self.converged:
             return "converged"
         return "limited by rounding" if self.rounding_limited else "not converged"
@@ -183,11 +183,11 @@ class Solution:
 
     @property
     def asymptotic_contraction(self) -> float | None:
-        """Geometric mean of the reduction factors in the second half of the iterations, or None."""
+        """Contraction over the second half of the iterations (geometric mean), or None without iterations."""
         return mean_contraction(self.residuals, (len(self.residuals) - 1) // 2)
 
     def samples(self) -> Samples:
-        """Return the solution as a function: values at points in each cell, for pictures and files.
+        """Return the solution as a function: its values at points in each cell, for plots and files.
 
         Raises
         ------
@@ -210,7 +210,7 @@ class Solution:
     def plot(
         self, ax: Any = None, *, convergence: bool = False, across: str = "z", cmap: str = "viridis"
     ) -> Any:
-        """Draw the solution on matplotlib axes: on the mesh, in 3-D on a plane through the middle.
+        """Draw the solution on matplotlib axes: on the mesh in 2-D, on a plane through the middle in 3-D.
 
         Parameters
         ----------
@@ -248,12 +248,12 @@ class Solution:
 
     @property
     def levels(self) -> LevelTable:
-        """Table of unknowns and entries per level, with a single level for solvers without levels."""
+        """Table of unknowns and matrix entries per level, with a single level for solvers without levels."""
         matrices = [A for A, _ in self.operators] or [self.A]
         return LevelTable([A.shape[0] for A in matrices], [_entries(A) for A in matrices])
 
     def __repr__(self) -> str:
-        """Return a line with size, outcome and cost."""
+        """Return a line of text with size, outcome and cost."""
         steps = f"{self.iterations} iteration{'' if self.iterations == 1 else 's'}"
         parts = [f"{self.x.shape[0]} unknowns", f"{self.outcome} after {steps}"]
         if len(self.residuals) > 1 and self.residuals[0] > 0.0:
@@ -270,5 +270,5 @@ class Solution:
 
 
 def _entries(A: Any) -> int:
-    """Return the number of stored entries, or all entries of a matrix without sparse form."""
+    """Return the number of stored entries, or rows times columns without sparse storage."""
     return int(A.nnz) if hasattr(A, "nnz") else int(A.shape[0]) * int(A.shape[1])

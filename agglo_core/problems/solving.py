@@ -86,7 +86,7 @@ def solve(
 
 
 def _member(solver: Any, options: Mapping[str, Any], registry: Registry | None) -> Member:
-    """Build a solver by name, or check an object for the method ``solve``."""
+    """Return a solver built by name, or a given object after a check for its method ``solve``."""
     if isinstance(solver, str | tuple):
         name, spec_options = (solver, {}) if isinstance(solver, str) else name_and_options("solver", solver)
         source = default() if registry is None else registry
@@ -104,7 +104,7 @@ def _member(solver: Any, options: Mapping[str, Any], registry: Registry | None) 
 def run_solver(
     solver: Member, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None
 ) -> Solution:
-    """Run a solver, with progress reports if supported (``tells_progress``).
+    """Run a solver, with progress reports if it supports them (``tells_progress``).
 
     Raises
     ------

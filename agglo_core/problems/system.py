@@ -73,7 +73,7 @@ class System:
     def trusted(
         cls, A: Any, b: Float, block_offsets: Int, mesh: Mesh | None, near_null: Float | None = None
     ) -> Self:
-        """Return a system from consistent parts without checks, for discretisations."""
+        """Build a system from consistent arrays without checks, for discretisations."""
         system = object.__new__(cls)
         parts = {"A": A, "b": b, "block_offsets": block_offsets, "mesh": mesh, "near_null": near_null}
         for name, value in parts.items():
@@ -92,7 +92,7 @@ class System:
 
     @property
     def width(self) -> int | None:
-        """Number of unknowns per block, or None for variable blocks."""
+        """Number of unknowns per block, or None if it varies."""
         sizes = np.diff(self.block_offsets)
         return int(sizes[0]) if (sizes == sizes[0]).all() else None
 

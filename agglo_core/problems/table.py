@@ -1,4 +1,4 @@
-"""Values in TOML problem tables: numbers by cell tag or boundary tag."""
+"""Numbers in TOML problem tables: a single number, or one for each tag value."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ def require_keys(table: Mapping[str, Any], keys: Sequence[str]) -> None:
 
 
 def number(key: str, value: Any) -> float:
-    """Return a finite number, or raise OptionError."""
+    """Return the value of a key as a finite float, or raise OptionError."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
         raise OptionError(f"{key} must be a finite number, given {value!r:.60}")
     return float(value)
 
 
 def face_tag(key: str, name: Any, mesh: Mesh, always: str) -> str:
-    """Return a face tag of the mesh, or ``always``, or raise OptionError."""
+    """Return the name if it is a face tag of the mesh or ``always``, otherwise raise OptionError."""
     if name != always and (not isinstance(name, str) or name not in mesh.face_tags):
         raise OptionError(f"{key} must be a face tag of the mesh, given {name!r}; {_tags_of(mesh)}")
     return str(name)
 
 
 def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
-    """Return a number, or values per cell ``(n_cells,)`` from a table by tag and value.
+    """Return a number, or values per cell ``(n_cells,)`` from a table of numbers for each tag value.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
 
 
 def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int, float]:
-    """Return numbers by face tag value on the boundary.
+    """Return the number for each value of a face tag on the boundary.
 
     Without this tag, all faces have the value 0.
 
@@ -99,7 +99,7 @@ def _tags_of(mesh: Mesh) -> str:
 
 
 def _values_by_name(values: Int, marks: Mapping[str, Int]) -> dict[str, int]:
-    """Return the value for each name that marks exactly the entries with this value."""
+    """Return the tag value for each name whose 0/1 tag marks exactly the entries of this value."""
     names: dict[str, int] = {}
     for name, marked in marks.items():
         inside = marked == 1
@@ -110,7 +110,7 @@ def _values_by_name(values: Int, marks: Mapping[str, Int]) -> dict[str, int]:
 
 
 def _numbers_by_tag(key: str, table: Mapping[str, Any], names: Mapping[str, int]) -> dict[int, float]:
-    """Return numbers by tag value, given by value or name, each at most once."""
+    """Return the number for each tag value, from a table by tag value or name without repetitions."""
     values: dict[int, float] = {}
     for name, value in table.items():
         tag = names[name] if name in names else _tag_value(key, name, names)

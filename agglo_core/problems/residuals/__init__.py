@@ -1,1 +1,1 @@
-"""Sizes of residuals, and their limits by rounding."""
+"""Measures of residuals, and their limits due to rounding."""

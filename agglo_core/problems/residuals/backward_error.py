@@ -1,4 +1,4 @@
-"""Backward error of an iterate, relative to the rounding of double precision."""
+"""Backward error of an iterate, compared with the rounding of double precision."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _TWO_DIGITS = 0.01
 
 
 def backward_error(A: Any, x: Float, b: Float) -> float | None:
-    """Return ‖b − A x‖ / ‖|A| |x| + |b|‖, with entrywise magnitudes, or None if A has no entries.
+    """Return ‖b − A x‖ / ‖|A| |x| + |b|‖ (entrywise |·|), or None if A is only an operator.
 
     x is the exact solution of a system with entries of A and b changed by at most this relative error.
     Rounding x, or computing b − A x, causes up to half an ulp each. Below :data:`LIMIT`, no solver in double
@@ -50,7 +50,7 @@ def is_known(A: Any) -> bool:
 
 
 def magnitudes(A: Any, x: Float) -> Float:
-    """Return |A| |x| ``(n,)``, or 0 if A has no entries.
+    """Return |A| |x| ``(n,)`` with entrywise |·|, or 0 if A is only an operator.
 
     Block rows are processed in chunks, because a copy of A takes longer than the product.
     """
@@ -72,7 +72,7 @@ def magnitudes(A: Any, x: Float) -> Float:
 
 
 def joints_told(A: Any) -> str:
-    """Return a remark on two unknowns joined so stiffly that rounding hides other forces.
+    """Return a remark on two unknowns coupled so strongly that rounding hides other couplings, if any.
 
     Examples
     --------
@@ -95,7 +95,7 @@ def joints_told(A: Any) -> str:
 
 
 def limit_told(history: History, A: Any, b: Float) -> History:
-    """Return a stagnated history with the backward error of its iterate.
+    """Add the backward error of the iterate to a history that ended by stagnation.
 
     The history ``ended`` by ``"rounding"`` if the backward error is at most :data:`LIMIT` and the energy
     error leaves two digits. The reason of any unconverged history names two stiffly joined unknowns, if

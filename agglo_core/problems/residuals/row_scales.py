@@ -1,4 +1,4 @@
-"""Row sizes of a symmetric matrix, with suitable residual measures and loads."""
+"""Row sizes of a symmetric matrix, and residual measures and loads that account for them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _PENALTY = 1e3
 
 
 def row_sizes(A: Any) -> Float:
-    """Return a positive size per row ``(n,)``: the diagonal entry, or the largest entry if not positive.
+    """Return a positive size per row ``(n,)``: the diagonal entry or, if not positive, the largest entry.
 
     In a positive definite matrix, |a_ij| < (a_ii a_jj)^½, so these sizes scale the entries independently of
     the units of the unknowns. A zero row has size 1.
@@ -42,7 +42,7 @@ def row_sizes(A: Any) -> Float:
 
 
 def row_measure(A: Any, b: Float) -> Measure:
-    """Return a measure of residuals r of A x = b that respects rows of all sizes.
+    """Return a measure of residuals r of A x = b that respects large and small rows.
 
     The measure is ‖r‖ / ‖b‖ for rows of similar size. Otherwise it is the largest of three ratios, for r and
     b, D^-½ r and D^-½ b, D⁻¹ r and D⁻¹ b, with the row sizes D. Otherwise loads in rows with large entries
@@ -72,7 +72,7 @@ def row_measure(A: Any, b: Float) -> Measure:
 
 
 def penalised_rows(A: Any) -> Int:
-    """Return the rows with a diagonal entry that alone determines the unknown.
+    """Return the indices of rows with a penalty: a diagonal entry that alone determines the unknown.
 
     Such an entry is a thousand times the sum of the others in its row, and a thousand times the least
     diagonal entry, as for values imposed by a large diagonal number.
@@ -99,7 +99,7 @@ def penalised_rows(A: Any) -> Int:
 
 
 def lifted(A: Any, b: Float, rows: Int | None = None) -> tuple[Float, Float]:
-    """Solve some rows of A x = b by their diagonal. Return this offset and the remaining load.
+    """Solve penalised rows of A x = b by their diagonal, and return this offset and the remaining load.
 
     With x = offset + y, A y = load = b − A offset. Penalties times imposed values vanish from the load, so
     residuals and energies of y describe the other unknowns. In the given rows, the load is computed from the
@@ -139,7 +139,7 @@ def lifted(A: Any, b: Float, rows: Int | None = None) -> tuple[Float, Float]:
 
 
 def _remove_spring_loads(A: Any, offset: Float, b: Float) -> tuple[Float, Float]:
-    """Add the differences imposed across springs to an offset. Return offset and remaining load."""
+    """Add the differences across stiff springs to an offset, and return offset and remaining load."""
     sizes = row_sizes(A)
     imposed = [imposed_differences(A, column, sizes) for column in np.atleast_2d(b.T)]
     if all(column is None for column in imposed):
@@ -156,12 +156,12 @@ def _remove_spring_loads(A: Any, offset: Float, b: Float) -> tuple[Float, Float]
 
 
 def _rows_without_diagonal(A: Any, rows: Int) -> Any:
-    """Return rows ``(m, n)`` of a matrix with zeros on the diagonal."""
+    """Return the given rows ``(m, n)`` of a matrix, with the diagonal set to 0."""
     return _rows_without(A, rows, frozen_int(np.arange(A.shape[0])))
 
 
 def _rows_without(A: Any, rows: Int, label: Int) -> Any:
-    """Return rows ``(m, n)`` of a matrix with zeros between unknowns of equal label."""
+    """Return the given rows ``(m, n)`` of a matrix, with entries between equal labels set to 0."""
     some = sparse.csr_array(sparse.csr_array(A)[rows])
     own = np.repeat(label[rows], np.diff(some.indptr))
     data = np.where(label[some.indices] == own, 0.0, some.data)

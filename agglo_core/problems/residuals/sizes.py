@@ -1,4 +1,4 @@
-"""Sizes of residuals and errors relative to right-hand sides and solutions."""
+"""Norms of residuals and errors relative to those of right-hand sides and solutions."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def size_ratio(length: float, size: float) -> float:
 
 
 def relative_to(b: Float) -> Measure:
-    """Return the measure ‖r‖ / ‖b‖."""
+    """Return the residual measure ‖r‖ / ‖b‖ as a function of r."""
     size = two_norm(b)
     return lambda r: relative_size(r, size)
 

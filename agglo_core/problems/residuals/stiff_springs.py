@@ -1,4 +1,4 @@
-"""Clusters of unknowns joined by stiff springs, and differences imposed by loads across the springs."""
+"""Clusters of unknowns joined by stiff springs (large entries), and differences imposed by their loads."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _HIDDEN = 1e8
 
 
 class Imposed(NamedTuple):
-    """Differences between stiffly joined unknowns.
+    """Differences between unknowns joined by stiff springs, imposed by loads across the springs.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Imposed(NamedTuple):
 
 
 def imposed_differences(A: Any, b: Float, sizes: Float) -> Imposed | None:
-    """Solve clusters of stiffly joined unknowns for the loads across their springs.
+    """Compute the differences that loads across stiff springs impose in clusters of joined unknowns.
 
     A cluster is a connected component of large entries a_ij, compared with the usual entries, with small
     entries to the outside. Without its springs a cluster is weakly held. If loads across springs dominate b,
@@ -108,7 +108,7 @@ def imposed_differences(A: Any, b: Float, sizes: Float) -> Imposed | None:
 
 
 def _share(forces: Float, sizes: Float, counted: Any = True) -> float:
-    """Return the share of b·D⁻¹b for the ``counted`` forces."""
+    """Return the contribution of the ``counted`` forces to b·D⁻¹b."""
     return float(np.where(counted, forces * (forces / sizes), 0.0).sum())
 
 
@@ -122,7 +122,7 @@ def _usual_size(A: Any) -> float:
 
 
 def _clusters(A: Any, rows: Any, least: float, sizes: Float) -> tuple[Int, Any]:
-    """Return the cluster number of each unknown ``(n,)``, and True where constants move it freely.
+    """Return the cluster of each unknown ``(n,)``, and True where a constant shift costs little energy.
 
     Only unknowns in the given ``rows (n,)`` belong to clusters. Components that are not clusters may contain
     smaller clusters with stiffer springs.
@@ -153,7 +153,7 @@ def _clusters(A: Any, rows: Any, least: float, sizes: Float) -> tuple[Int, Any]:
 
 
 def _entries(A: Any, rows: Any) -> tuple[Int, Int, Float]:
-    """Return rows, columns and values of the entries in the given ``rows (n,)``."""
+    """Return row indices, column indices and values of the entries in the rows of a mask ``rows (n,)``."""
     lengths = np.diff(A.indptr)
     if rows.all():
         return np.repeat(np.arange(len(rows)), lengths), A.indices, A.data
@@ -162,7 +162,7 @@ def _entries(A: Any, rows: Any) -> tuple[Int, Int, Float]:
 
 
 def _solve_members(rows: Any, b: Float, members: Int, root: Int, label: Int) -> tuple[Float, Float, Float]:
-    """Solve the member rows, with all other unknowns 0.
+    """Solve the rows of all cluster members except the roots, with all other unknowns 0.
 
     Returns
     -------
@@ -189,7 +189,7 @@ def _solve_members(rows: Any, b: Float, members: Int, root: Int, label: Int) -> 
 
 
 def stiffest_joint(A: Any) -> tuple[int, int] | None:
-    """Return two unknowns with a spring that hides other forces, or None if none is so stiff.
+    """Return the two unknowns joined by the stiffest spring, or None if it hides no other forces.
 
     In double precision, entries in their rows keep less than eight digits of the other forces.
 
