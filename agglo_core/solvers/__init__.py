@@ -1,4 +1,4 @@
-"""Solvers without an own discretisation, and helpers shared with plugin solvers."""
+"""Direct solver, plain conjugate gradients, and helpers shared with the solvers of plugins."""
 
 from agglo_core.problems.iteration_history import unsolved
 from agglo_core.solvers.advice import Kind, advice_of_multigrid

@@ -1,4 +1,4 @@
-"""Advice on the faster solver, polydg_mg or direct, for ``Solution.advice``.
+"""Advice on the faster solver, multigrid (polydg_mg) or direct, for ``Solution.advice``.
 
 The sizes below are the break-even sizes: both solvers take equal CPU time there, as measured by
 ``tests/benchmarks/break_even.py`` on one processor in 2-D. The sizes count matrix entries, because all
@@ -26,7 +26,7 @@ _TITLES: Final[Mapping[str, str]] = MappingProxyType({"pardiso": "PARDISO", "sup
 
 @dataclass(frozen=True)
 class _Range:
-    """Entry counts: a direct solver is faster in ``least..most``, polydg_mg from ``other`` on."""
+    """Ranges of matrix entries: direct is faster from ``least`` to ``most``, polydg_mg from ``other`` on."""
 
     least: float
     most: float
@@ -103,12 +103,12 @@ def advice_of_direct(A: Any, kind: Kind, backend: str) -> str:
 
 
 def _unknowns(A: Any, entries: float) -> str:
-    """Return the unknowns, to two digits, for a matrix like A with that many entries."""
+    """Estimate the unknowns of a matrix like A with that many entries, as text with two digits."""
     return f"{float(f'{entries * A.shape[0] / A.nnz:.1e}'):,.0f}"
 
 
 def _spec(backend: str, penalty: float | str) -> str:
-    """Return ``direct`` with options in command-line notation."""
+    """Return the solver ``direct`` with its options in command-line notation."""
     options = [] if penalty in (_PENALTY, "paper") else [f"penalty={penalty}"]
     options += [] if choose_backend(AUTO) == backend else [f"backend={backend}"]
     return ":".join(filter(None, ("direct", ",".join(options))))

@@ -113,7 +113,7 @@ PACKAGES: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
 
 
 def choose_backend(name: str) -> str:
-    """Return the name of an installed solver: the given name, or the first for ``"auto"``.
+    """Return the name of an installed solver: the given name, or the fastest for ``"auto"``.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def _package(name: str) -> Any:
 
 @contextmanager
 def _path_of_mkl() -> Iterator[None]:
-    """Set the variable that points pypardiso to MKL, unless it is set or pip did not install MKL.
+    """Set the environment variable that points pypardiso to MKL, unless set or MKL is not from pip.
 
     Without the variable, pypardiso searches the whole environment on import and again for each solver. A
     search takes a third of a second, far longer than factorising a small matrix.
@@ -173,7 +173,7 @@ def _path_of_mkl() -> Iterator[None]:
 
 @cache
 def _mkl_from_package() -> str | None:
-    """Return the path of MKL's runtime library from the file list in the distribution ``mkl``."""
+    """Return the path of MKL's runtime library if pip installed MKL, else None."""
     try:
         files = metadata.files("mkl") or []
     except metadata.PackageNotFoundError:

@@ -25,7 +25,7 @@ from agglo_core.solvers.stopwatch import Stopwatch
 
 
 class Direct:
-    """Factorisation for linear or PolyDG systems, with iterative refinement.
+    """Sparse direct solver for linear or PolyDG systems, with iterative refinement.
 
     The levels of the hierarchy are not used. An iteration is one solve with the factors, and the first nearly
     always suffices. The energy error is estimated by a further solve for the remaining residual.
@@ -80,7 +80,7 @@ class Direct:
         return show_options(self)
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
-        """Factorise and solve. ``converged`` and ``reason`` describe the outcome.
+        """Factorise the matrix and solve the system. ``converged`` and ``reason`` describe the outcome.
 
         Raises
         ------
@@ -104,13 +104,13 @@ class Direct:
         return replace(solution, advice=advice_of_direct(fine.A, self._kind(problem, fine), backend))
 
     def _kind(self, problem: Problem, fine: FineSystem) -> Kind:
-        """Return the kind of system, as polydg_mg would smooth the problem."""
+        """Return the kind of system for the advice: linear, or by the smoother that polydg_mg would use."""
         if isinstance(problem, Linear):
             return "linear"
         return cast("Kind", self.discretisation.matrix_kind(problem, fine))
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
-        """Return the inverse matrix ``(n, n)``, applicable to several right-hand sides ``(n, k)`` at once.
+        """Return the inverse ``(n, n)`` as an operator, also for several right-hand sides ``(n, k)`` at once.
 
         Raises
         ------
@@ -129,7 +129,7 @@ class Direct:
 
 
 def _solve_and_refine(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> History:
-    """Solve, then refine at most ``most`` times until residual and error pass."""
+    """Solve, then refine at most ``most`` times until residual and error are within the tolerance."""
     b = fine.b
     x, residuals = np.zeros(len(b)), [two_norm(b)]
     size, error, energy = (fine.measure(b), np.inf, True) if b.any() else (0.0, 0.0, True)
@@ -164,7 +164,7 @@ def _solve_and_refine(fine: FineSystem, solves: Solves, tolerance: float, most: 
 
 
 def _error(fine: FineSystem, x: Float, r: Float, correction: Any) -> tuple[float, bool]:
-    """Return the relative error estimated by the correction, and True if in the energy norm.
+    """Return the relative error estimated by the correction, and True if measured in the energy norm.
 
     A negative product δ·r or b·x means that A has no energy norm. Then 2-norms are compared.
     """

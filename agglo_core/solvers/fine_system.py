@@ -1,4 +1,4 @@
-"""Fine system for a solver: a discretised problem or a given linear system."""
+"""Linear system on the mesh (fine system): a discretised problem or a given linear system."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _log = logging.getLogger("agglo")
 
 
 class FineSystem(NamedTuple):
-    """System on the mesh: matrix, right-hand side ``(n,)``, unknowns per cell, residual measure.
+    """Linear system on the mesh: matrix, right-hand side ``(n,)``, unknowns per cell, residual measure.
 
     The solver may have subtracted ``offset (n,)`` from the solution of A x = ``full``, so b = full − A
     offset. Vectors are ``factor`` times the problem's vectors, a power of two that avoids over- and underflow
@@ -50,7 +50,7 @@ class FineSystem(NamedTuple):
     def solution(
         self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch, tolerance: float
     ) -> Solution:
-        """Return the solution of A x = full from a history for A x = b."""
+        """Build the solution of A x = ``full`` from an iteration history for A x = b."""
         x = x_rest = self._solution_of_problem(history.x)
         lifting = None
         if self.offset is not None:
@@ -80,7 +80,7 @@ class FineSystem(NamedTuple):
         )
 
     def preconditioner(self, M: LinearOperator) -> LinearOperator:
-        """Rescale a preconditioner for ``A`` to the problem's matrix."""
+        """Rescale a preconditioner for the scaled matrix ``A`` to the problem's matrix."""
         return M if self.matrix_factor == 1.0 else self.matrix_factor * M
 
     def _solution_of_problem(self, x: Float) -> Float:
@@ -107,7 +107,7 @@ def discretisation(name: str, registry: Registry | None = None, **options: Any) 
 
 
 def fine_system(problem: Problem, hierarchy: Hierarchy, how: Any) -> FineSystem:
-    """Return the system on a hierarchy's mesh.
+    """Return the linear system of a problem on a hierarchy's mesh.
 
     A linear system is taken as given. Any other problem is discretised by ``how.fine_system(problem, mesh)``
     if the discretisation accepts its kind.

@@ -24,7 +24,7 @@ from agglo_core.solvers.stopwatch import Stopwatch
 
 
 class LinearTask:
-    """Linear system with its unknowns in the cells of a hierarchy.
+    """Linear system for multigrid, with its unknowns in the cells of a hierarchy.
 
     Scalar systems (one unknown per cell, at most one near-null vector with positive entries) use classical
     coarsening of the matrix. With the recipe ``"agglomerates"`` they use one classical step, then the
@@ -98,12 +98,12 @@ class LinearTask:
 
     @property
     def columns(self) -> list[Float]:
-        """Right-hand sides."""
+        """List of right-hand sides ``(n,)``, each scaled by a power of two."""
         return list(self._b.T)
 
     @property
     def choice(self) -> str:
-        """Description of coarsening, cycle and precision."""
+        """Text that describes coarsening, cycle and precision."""
         aggregates = "agglomerates" if self._labels else "the graph of the matrix"
         method = f"smoothed aggregation by {aggregates}"
         if self._classical:
@@ -128,7 +128,7 @@ class LinearTask:
             self.dtype, self._doubled = np.float64, "; double precision took over"
 
     def renew_plan(self) -> None:
-        """Do nothing, because linear systems have a single plan."""
+        """Do nothing, because linear systems have a single solution strategy (plan)."""
 
     def change_method(self) -> bool:
         """Switch to double precision, or return False if cycles already run in double precision."""
@@ -141,11 +141,11 @@ class LinearTask:
         return stack_of_system(self.system, self._labels, self.dtype)
 
     def preconditioner(self, M: LinearOperator) -> LinearOperator:
-        """Rescale a cycle to a preconditioner for the problem's matrix."""
+        """Rescale a cycle for the scaled matrix to a preconditioner for the problem's matrix."""
         return M if self._matrix_factor == 1.0 else self._matrix_factor * M
 
     def parts(self, stack: Any) -> tuple[int | None, ...]:
-        """Number of agglomerates per level, None below the finest (levels may come from the matrix)."""
+        """Number of cells on the finest level, and None on coarser levels, which may come from the matrix."""
         return self._cells, *(None for _ in stack.levels[1:])
 
     def iterate(
@@ -157,7 +157,7 @@ class LinearTask:
         tell: Tell,
         pace: float | None = None,
     ) -> list[History]:
-        """Run conjugate gradients, each column from its last iterate, and return all histories."""
+        """Run conjugate gradients for each right-hand side from its last iterate. Return all histories."""
         histories = list(before or ())
         todo = [j for j in range(self._b.shape[1]) if not (histories and histories[j].final)]
         start = np.stack([histories[j].x for j in todo], axis=1) if histories else None
@@ -180,11 +180,11 @@ class LinearTask:
         return histories
 
     def given_back(self, solution: Solution) -> Solution:
-        """Return the solution unchanged, as the unknowns keep their numbers."""
+        """Return the solution unchanged, because the unknowns are not renumbered."""
         return solution
 
     def unsolved(self, reason: str) -> list[History]:
-        """Return histories for an iteration that could not start."""
+        """Return a history for each right-hand side of an iteration that could not start."""
         return [unsolved(each, reason) for each in self._b.T]
 
     def solution(
@@ -194,7 +194,10 @@ class LinearTask:
         watch: Stopwatch,
         tolerance: float,
     ) -> Solution:
-        """Build the solution from histories, with columns as in :class:`~agglo_core.problems.Solution`."""
+        """Build the solution from the histories of all right-hand sides.
+
+        Columns are as in :class:`~agglo_core.problems.Solution`.
+        """
         # Scale x back, column by column.
         back = 1.0 / self._matrix_factor
         columns = [unscaled(unscaled(h.x, f), back) for h, f in zip(histories, self._factors, strict=True)]

@@ -1,4 +1,4 @@
-"""Option checks, with errors that name option, given value and accepted values."""
+"""Checks of options, with exceptions that name option, given value and accepted values."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def require_truth(name: str, value: Any) -> None:
 
 
 def chosen(name: str, value: Any, known: Mapping[str, Any]) -> Any:
-    """Return the value for a name, or a callable as given, or raise OptionError."""
+    """Return the known value with this name, or a given callable, or raise OptionError otherwise."""
     if callable(value):
         return value
     require_name(name, value, known)

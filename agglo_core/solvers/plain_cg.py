@@ -1,4 +1,4 @@
-"""Plain conjugate gradients: the baseline for multigrid methods (paper, column CG)."""
+"""Plain conjugate gradients: the baseline for multigrid methods (column CG in the paper's tables)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from agglo_core.solvers.stopwatch import Stopwatch
 
 
 class PlainCG:
-    """Conjugate gradients without preconditioner on the fine system, starting from zero.
+    """Conjugate gradients without preconditioner for the system on the mesh, starting from zero.
 
     The levels of the hierarchy are not used. If ``max_iterations`` do not suffice, the solution is the
     iterate with the smallest residual and ``iterations`` its number, as in the paper's tables. ``reason``

@@ -12,7 +12,7 @@ from agglo_core.problems.residuals.sizes import energy_of_solution, relative_siz
 
 @dataclass(frozen=True, eq=False)
 class ResidualMeasure:
-    """Size for residuals ``r (n,)`` relative to the right-hand side ``b (n,)``.
+    """Size of residuals ``r (n,)`` relative to the right-hand side ``b (n,)``.
 
     For a constant coefficient κ the size is ‖r‖ / ‖b‖. Otherwise, as rows of A and the Dirichlet terms in b
     are proportional to κ, the size is the larger of two ratios:
@@ -43,12 +43,12 @@ class ResidualMeasure:
     rows: Callable[[Float], float] | None = None
 
     def energy(self, x: Float) -> float:
-        """Energy norm of ``x (n,)``, the reference for relative energy errors."""
+        """Return the energy norm of ``x (n,)``, the reference for relative energy errors."""
         return energy_of_solution(self.b)(x) if self.norm is None else self.norm(x)
 
     @cached_property
     def _sizes(self) -> tuple[float, float]:
-        """Reference sizes of ‖r‖ and ‖r / κ‖."""
+        """Reference values for ‖r‖ and ‖r / κ‖, from the right-hand side."""
         if self.kappa is None:
             return two_norm(self.b), 0.0
         load = self.b if self.load is None else self.load
@@ -56,7 +56,7 @@ class ResidualMeasure:
         return two_norm(counted), two_norm(self.b / self.kappa)
 
     def __call__(self, r: Float) -> float:
-        """Return the relative residual size, or 0 where r and b are 0."""
+        """Return the relative size of a residual r, or 0 if r and b are 0."""
         if self.rows is not None:
             return self.rows(r)
         plain, scaled = self._sizes

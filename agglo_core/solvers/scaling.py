@@ -21,14 +21,14 @@ _DIGITS = 1e-10  # maximum relative loss when scaling back
 
 
 def factor_for(size: float, moderate: float = _MODERATE) -> float:
-    """Return a power of two that scales numbers to size 1, or 1 for a moderate size."""
+    """Return a power of two that scales ``size`` to about 1, or 1 if the size is moderate."""
     if size == 0.0 or 1.0 / moderate <= size <= moderate:
         return 1.0
     return math.ldexp(1.0, max(-1000, min(1000, -math.frexp(size)[1])))
 
 
 def matrix_factor(A: Any) -> float:
-    """Return a power of two that scales the median diagonal entry to 1, or 1 if moderate."""
+    """Return a power of two that scales the median diagonal entry to about 1, or 1 if moderate."""
     return factor_for(float(np.median(np.abs(A.diagonal()))), _MODERATE_MATRIX)
 
 
@@ -52,7 +52,7 @@ def times(problem: Diffusion, factor: float) -> Diffusion:
 
 
 def data_size(mesh: Mesh, problem: Diffusion) -> float:
-    """Return the largest source or boundary value, with callables evaluated at centroids."""
+    """Return the largest absolute source or boundary value, with callables evaluated at centroids."""
     centres = mesh.face_centroids[mesh.face_cells[:, 1] < 0]
     boundary = (*problem.dirichlet.values(), *problem.neumann.values())
     return max((*_sizes([problem.source], mesh.cell_centroids), *_sizes(boundary, centres)), default=0.0)

@@ -29,7 +29,7 @@ def report(
     cg_tolerance: float | None = None,
     progress: Listener | None = None,
 ) -> dict[str, Any]:
-    """Return the report as plain data.
+    """Return the report on a solution as a dictionary of plain data.
 
     Parameters
     ----------
@@ -107,14 +107,17 @@ def error_entries(norms: Mapping[str, float]) -> dict[str, float | None]:
 
 
 def operator_complexity(solution: Solution) -> float | None:
-    """Return matrix entries of all levels over finest entries, or None for a matrix without entries."""
+    """Return the matrix entries of all levels divided by those of the finest, or None if unavailable."""
     entries = [_entries(A) for A in _matrices(solution)]
     known = [count for count in entries if count is not None]
     return float(sum(known) / known[0]) if len(known) == len(entries) else None
 
 
 def _parts(mesh: Mesh, solution: Solution, dofs: list[int]) -> list[int | None]:
-    """Return the agglomerates per level: as reported, else by the unknowns per cell if divisible."""
+    """Return the number of agglomerates per level, as reported or computed from the unknowns per cell.
+
+    The number is None where the unknowns are not divisible.
+    """
     if solution.parts:
         return list(solution.parts)
     counts = [divmod(n * mesh.n_cells, dofs[0]) for n in dofs]
@@ -135,7 +138,7 @@ def _matrices(solution: Solution) -> list[Any]:
 
 
 def _solved_system(solution: Solution) -> tuple[Float, Float]:
-    """Return unknowns and right-hand side in the solved system, without an offset."""
+    """Return unknowns and right-hand side of the system that was solved, without an offset."""
     lifting = solution.lifting
     return (solution.x, solution.b) if lifting is None else (lifting.rest, lifting.load)
 
@@ -155,7 +158,7 @@ def _plain_cg(
 
 
 def _state(data: Mapping[str, Any]) -> str:
-    """Describe the outcome with the decisive sizes."""
+    """Describe the outcome, with residual and energy error."""
     met = f" by {' and '.join(data['tests_met'])}" if data["tests_met"] else ""
     state = f"converged after {data['iterations']} iterations ({data['reason']}{met})"
     if not data["converged"]:
@@ -189,7 +192,7 @@ def text(title: str, data: Mapping[str, Any], columns: int = _COLUMNS) -> str:
 
 
 def _levels(levels: Sequence[Mapping[str, Any]]) -> str:
-    """Return a chain of agglomerate counts, or unknown counts if a level has no agglomerates."""
+    """Format the number of agglomerates per level, or of unknowns if a level has no agglomerates."""
     cells, dofs = ([level[name] for level in levels] for name in ("cells", "dofs"))
     if None not in cells:
         return f"{dofs[0]:,} unknowns, cells {_chain(cells)}"

@@ -31,7 +31,7 @@ class Stopwatch:
 
     @contextmanager
     def __call__(self, phase: str) -> Iterator[None]:
-        """Time the body of the context, including a body that raises."""
+        """Time the body of a ``with`` statement, even if it raises an exception."""
         start, cpu_start = time.perf_counter(), time.process_time()
         try:
             yield
