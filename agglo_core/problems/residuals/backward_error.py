@@ -21,7 +21,7 @@ _TWO_DIGITS = 0.01
 
 
 def backward_error(A: Any, x: Float, b: Float) -> float | None:
-    """Return ‖b − A x‖ / ‖|A| |x| + |b|‖ (entrywise |·|), or None if A is only an operator.
+    """Return ‖b − A x‖ / ‖|A| |x| + |b|‖, with entrywise magnitudes, or None if A is only an operator.
 
     x is the exact solution of a system with entries of A and b changed by at most this relative error.
     Rounding x, or computing b − A x, causes up to half an ulp each. Below :data:`LIMIT`, no solver in double
@@ -50,7 +50,7 @@ def is_known(A: Any) -> bool:
 
 
 def magnitudes(A: Any, x: Float) -> Float:
-    """Return |A| |x| ``(n,)`` with entrywise |·|, or 0 if A is only an operator.
+    """Return |A| |x| ``(n,)`` with entrywise magnitudes, or 0 if A is only an operator.
 
     Block rows are processed in chunks, because a copy of A takes longer than the product.
     """
