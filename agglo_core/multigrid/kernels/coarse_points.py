@@ -14,7 +14,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @kernel
 def strong_entries(indptr, indices, data, theta, least):
-    """Mark the strong entries of a matrix, and the unknowns that need the coarse level.
+    """Mark the strong entries of a matrix, and the unknowns whose errors need the coarse level.
 
     An unknown with Σ_j≠i |a_ij| of at most ``least`` times a_ii does not need the coarse level, and has no
     strong entries.

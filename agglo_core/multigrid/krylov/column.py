@@ -227,7 +227,7 @@ class Column:
     # The tests
 
     def _passes(self) -> bool:
-        """Return True if x passes the stopping tests, as did an iterate a tenth of the iterations before."""
+        """Return True if x passes the stopping tests, as did the iterate a tenth of the iterations before."""
         self._estimate()
         if not self._small():
             self._first_pass, self._next_test = None, self.done + 1 + self.done // 20
