@@ -156,7 +156,7 @@ def _boundary_points(mesh: Mesh) -> Float:
 
 
 def constant(source: float = 8.0) -> Diffusion:
-    """Return the problem −Δu = f with u = 0 on the boundary.
+    """Return the problem −Δu = f with constant f and u = 0 on the boundary.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ def real_matrix(given: Any) -> Any:
 
 
 def canonical_matrix(A: Any) -> Any:
-    """Return a sparse matrix in canonical form, with protected read-only arrays.
+    """Return a sparse matrix in canonical form (CSR or BSR), with protected read-only arrays.
 
     The format is CSR, or BSR if given as BSR: sorted rows and columns, no duplicates, float64 or complex128.
     Read-only arrays are shared, not copied.

@@ -113,7 +113,7 @@ def _share(forces: Float, sizes: Float, counted: Any = True) -> float:
 
 
 def _usual_size(A: Any) -> float:
-    """Return the lower quartile of the absolute entries, estimated from a sample."""
+    """Return the usual size of entries: the lower quartile of magnitudes, estimated from a sample."""
     data = np.ravel(A if isinstance(A, np.ndarray) else A.data)
     if len(data) > _SAMPLE:  # at random, because strides may hit the diagonal only
         data = data[np.random.default_rng(0).integers(len(data), size=_SAMPLE)]
