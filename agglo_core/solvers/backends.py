@@ -155,7 +155,7 @@ def _package(name: str) -> Any:
 
 @contextmanager
 def _path_of_mkl() -> Iterator[None]:
-    """Set the environment variable that points pypardiso to MKL, unless set or MKL is not from pip.
+    """Set the environment variable that points pypardiso to an MKL from pip, unless it is already set.
 
     Without the variable, pypardiso searches the whole environment on import and again for each solver. A
     search takes a third of a second, far longer than factorising a small matrix.
