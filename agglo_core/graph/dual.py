@@ -38,7 +38,7 @@ _DTYPES = {
 
 @dataclass(frozen=True, eq=False)
 class Graph(BlockGraph):
-    """Dual graph of a mesh with cell geometry, in independent blocks: one for each connected piece.
+    """Dual graph of a mesh, or of several pieces of it as independent blocks.
 
     Block b owns the nodes ``offsets[b]:offsets[b + 1]`` and no edge joins two blocks. A mesh is one block.
     All pieces at one depth of a recursion form one block-diagonal Graph, called a *level* in bisectors.
