@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 from thirdparty.installing import environment, write_wheel
 
+pytestmark = pytest.mark.slow
+
 HEAD = "import os, sys\nfrom agglo_core import Command, Component, hookimpl\n"
 HOOK = "\n@hookimpl\ndef agglo_components():\n    return [{}]\n"
 PART = """
 import os
 import numpy as np
-
-pytestmark = pytest.mark.slow
 
 class Part:
     def bisect(self, graph, rng):

@@ -13,6 +13,8 @@ import pytest
 from thirdparty.fakes import FAKES, MISBEHAVING, Fake, Use
 from thirdparty.installing import Answer, converse, environment
 
+pytestmark = pytest.mark.slow
+
 LISTING = "plugins --json"
 TAKEN = "runner/run"
 WORKING = {
@@ -149,7 +151,6 @@ def test_thirty_plugins_load_nothing_heavy(thirty: Path, arguments: list[str]) -
 import sys
 from agglo_core.cli import main
 
-pytestmark = pytest.mark.slow
 try:
     main({arguments})
 finally:

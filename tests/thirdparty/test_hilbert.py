@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from thirdparty.installing import Answer, converse, environment
 
+pytestmark = pytest.mark.slow
+
 COMMANDS = {
     "listing": "plugins --json",
     "help": "--help",
@@ -85,7 +87,6 @@ def test_its_metric_is_one_of_all(hilbert: Path) -> None:
     source = """
 import agglo_core as agglo
 
-pytestmark = pytest.mark.slow
 mesh = agglo.samples.squares(4)
 print(dict(agglo.quality(mesh, [0] * 16, metrics=("gyration", "cells"))))
 print(agglo.quality(mesh, range(16), metrics=[("hilbert/gyration", {})])["hilbert/gyration"].max())

@@ -242,8 +242,8 @@ def test_a_face_tag_of_wrong_length() -> None:
         ([0, 0, 1.0, 1], r"dtype float64"),
         ([True, False, True, True], r"dtype bool"),
         ([0, -1, 1, 1], r"label of cell 1 is negative"),
-        ([0, 2, 2, 0], r"no cell is labelled 1 \(of 0..2\)"),
-        ([0, 1, 2, 10**15], r"no cell is labelled 3 \(of 0..1000000000000000\)"),
+        ([0, 2, 2, 0], r"no cell has label 1 \(of 0..2\)"),
+        ([0, 1, 2, 10**15], r"no cell has label 3 \(of 0..1000000000000000\)"),
     ],
 )
 def test_labels(labels: Any, message: str) -> None:
