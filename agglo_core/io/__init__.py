@@ -169,7 +169,7 @@ def write(
 
     ``.npz`` keeps everything. ``.vtu`` holds the mesh with its tags and all level labels as cell data
     ``level_0``, …. Each coarse mesh goes into a file ``NAME_level0.vtu``, … beside it, with label, parent,
-    number of cells, measure and diameter per agglomerate. Other formats raise an error instead of losing
+    cell count, measure and diameter per agglomerate. Other formats raise an error instead of losing
     data.
 
     Files appear whole or not at all. Remains from an earlier hierarchy are removed: mesh tags

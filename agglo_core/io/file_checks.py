@@ -1,4 +1,4 @@
-"""Call the methods of a file format, and check their arguments and results.
+"""Call file format methods, and check their arguments and results.
 
 Every error names the file and the format at fault.
 """
@@ -152,7 +152,7 @@ def _check_mesh(file_format: KnownFormat, method: str, mesh: Any) -> Mesh:
 
 
 def _replace_surrogates(name: str) -> str:
-    """Return the name in printable form, even if its bytes do not fit the encoding of the locale."""
+    """Return the name in printable form, even if its bytes do not fit the locale's encoding."""
     try:
         return name.encode(errors="surrogateescape").decode(errors="replace")
     except UnicodeEncodeError:  # other surrogates

@@ -1,4 +1,4 @@
-"""Convert hierarchies to cell data and back, and compute the cell data of coarse meshes."""
+"""Convert hierarchies to cell data and back, and compute cell data for coarse meshes."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def coarse_cell_data(
     """Return the cell data to be written with a coarse mesh, one value ``(k,)`` per agglomerate.
 
     ``agglomerate`` is the label, ``parent`` the label on the next coarser level (−1 if there is none, or if
-    the agglomerate lies in several), ``cells`` the number of cells; ``measure`` and ``diameter`` come from
+    the agglomerate lies in several), ``cells`` the cell count; ``measure`` and ``diameter`` come from
     the coarse mesh. Other names in ``values`` follow.
     """
     labels = levels[level]
@@ -123,7 +123,7 @@ def check_level_values(hierarchy: Hierarchy | None, values: LevelValues) -> list
 
 
 def under_free_names(data: Mapping[str, NDArray[Any]], taken: Collection[str]) -> dict[str, NDArray[Any]]:
-    """Prefix ``agglo_`` to the names of cell data that are already in use."""
+    """Prefix ``agglo_`` to cell data names that are already in use."""
     renamed: dict[str, NDArray[Any]] = {}
     for name, values in data.items():
         free = name

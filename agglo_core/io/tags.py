@@ -31,12 +31,12 @@ def is_level(name: str) -> bool:
 
 
 def cell_data(mesh: Mesh, hierarchy: Hierarchy | None) -> dict[str, Int]:
-    """Return the integer cell data of a file: cell tags and the labels of all levels."""
+    """Return the integer cell data of a file: cell tags and all level labels."""
     return tags_and_levels(mesh.cell_tags, hierarchy.levels if hierarchy is not None else None)
 
 
 def tags_and_levels(tags: Mapping[str, Int], levels: Sequence[Int] | None) -> dict[str, Int]:
-    """Combine tags with the labels of all levels, and drop labels of an earlier hierarchy.
+    """Combine tags with all level labels, and drop labels of an earlier hierarchy.
 
     Without levels, tags with such names are kept.
     """
@@ -71,7 +71,7 @@ def tag_values(name: str, values: NDArray[Any]) -> Int:
 
 
 def note_left_out(mesh: Mesh, names: Iterable[str]) -> Mesh:
-    """Log the names of cell data that were skipped, and add their number to ``mesh.repairs``."""
+    """Log the names of skipped cell data, and add their number to ``mesh.repairs``."""
     skipped_names = list(dict.fromkeys(name or "(without a name)" for name in names))
     if not skipped_names:
         return mesh

@@ -127,7 +127,7 @@ def _is_gmsh(path: Path) -> bool:
 def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
     """Read the cells of a file with meshlane, in a separate process.
 
-    Return cells, set tag names, and names of data left out.
+    Return cells, set tag names, and names of omitted data.
     """
     size = path.stat().st_size
     seconds, memory = _SECONDS + size // _BYTES_PER_SECOND, _MEMORY + _MEMORY_PER_BYTE * size

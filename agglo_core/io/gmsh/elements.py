@@ -45,7 +45,7 @@ _SHAPES = {  # dimension, VTK type
 
 
 def _node_count(shape: str, p: int) -> int:
-    """Return the number of nodes of the complete Lagrange element of order p."""
+    """Return the node count of the complete Lagrange element of order p."""
     triangle, square = (p + 1) * (p + 2) // 2, (p + 1) ** 2
     return {
         "line": p + 1,
@@ -149,7 +149,7 @@ def read_entities(numbers: Numbers) -> dict[tuple[int, int], Entity]:
 
 
 def read_elements(numbers: Numbers, entities: Entities) -> Elements:
-    """Read the section ``$Elements`` of a file of any supported version.
+    """Read the section ``$Elements`` of a file in any supported version.
 
     Raises FileError if damaged.
     """
@@ -214,7 +214,7 @@ def _read_by_header(numbers: Numbers, n_elements: int) -> Iterator[Elements]:
 
 
 def _read_one_by_one(numbers: Numbers, n_elements: int) -> Elements:
-    """Read the elements of a version 2 text file: number, type, number of tags, tags, nodes."""
+    """Read the elements of a version 2 text file: number, type, tag count, tags, nodes."""
     stream = numbers.rest()
 
     def ends(window: Int) -> Int:
@@ -236,7 +236,7 @@ def _read_one_by_one(numbers: Numbers, n_elements: int) -> Elements:
 def _build_elements(stream: Int, numbers: Int, kinds: Int, first: Int, n_tags: Int) -> Elements:
     """Build elements from the numbers of a version 2 file, given the index of each first tag.
 
-    Tags are the physical group, the geometrical entity, the number of partitions and the partitions; versions
+    Tags are the physical group, the geometrical entity, the partition count and the partitions; versions
     before 2.2 have a single partition instead.
     """
 
@@ -260,7 +260,7 @@ def _build_elements(stream: Int, numbers: Int, kinds: Int, first: Int, n_tags: I
 
 
 def _node_count_of(kind: int) -> int:
-    """Return the number of nodes of a Gmsh element type.
+    """Return the node count of a Gmsh element type.
 
     Raises FileError if it is unsupported.
     """

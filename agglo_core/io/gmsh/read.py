@@ -44,7 +44,7 @@ class _Data(NamedTuple):
 
 
 def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
-    """Return cells, names of the tags made from groups, and names of skipped element data.
+    """Return cells, tag names made from groups, and names of skipped element data.
 
     Each named physical group is a tag: 1 inside, 0 outside. ``gmsh:physical`` holds the first group of each
     element, ``gmsh:geometrical`` its entity, and ``gmsh:partition`` its partition, if any. Unnamed groups

@@ -1,7 +1,7 @@
 """Read MATLAB level 5 files (``save -v6`` and ``-v7``): numbers, structs, and cell arrays in bulk.
 
 scipy.io also reads them, but creates an object per cell and allocates memory as a damaged file demands. Here
-a cell array of a million lists is one pass over its bytes, and no array exceeds the size of the input.
+a cell array of a million lists is one pass over its bytes, and no array exceeds the input size.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Variable(NamedTuple):
         return whole_values(self._numbers().ravel(order="F"), self.name)
 
     def _numbers(self) -> NDArray[Any]:
-        """Return the numbers in the shape of the variable and in the data type of the file."""
+        """Return the numbers in the shape of the variable and in the file's data type."""
         if not self.is_numeric:
             raise FileError(f"{self.name} is not numeric")
         kind, place, size = _element(self.words, self.start, self.stop, self.name)
@@ -230,7 +230,7 @@ def _inflate_variable(data: bytes, order: str, max_bytes: int) -> bytes:
 
 
 def _element(words: NDArray[Any], row: int, stop: int, name: str) -> tuple[int, int, int]:
-    """Return data type, offset of the data in bytes, and data size for the element that starts at a row."""
+    """Return data type, data offset in bytes, and data size for the element that starts at a row."""
     if row >= stop:
         raise FileError(f"{name} is truncated")
     kind, size = (int(word) for word in words[row])

@@ -31,7 +31,7 @@ def matrix_ends(window: NDArray[Any]) -> Int:
 
 
 def matrix_heads(words: NDArray[Any], starts: Int, name: str) -> tuple[Int, Int, Int]:
-    """Return first data row, MATLAB class and number of entries of matrices without names."""
+    """Return first data row, MATLAB class and entry count of matrices without names."""
     empty = words[starts, 1] == 0
     rows = np.minimum(starts, len(words) - 1 - INSIDE)
     # A plain header: flags of 8 bytes, two dimensions, no name.

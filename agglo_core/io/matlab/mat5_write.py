@@ -23,7 +23,7 @@ _LEVEL = 1  # zlib level: higher levels take twice the time and save a few per c
 
 
 def write_variables(path: Path, variables: Iterable[bytes], *, compress: bool) -> None:
-    """Write a MATLAB file with variables created by the functions of this module.
+    """Write a MATLAB file with variables created by this module's functions.
 
     Raises
     ------

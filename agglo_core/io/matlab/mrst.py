@@ -1,4 +1,4 @@
-"""Convert the mesh structures of the MATLAB package MRST: grids G and coarse grids CG."""
+"""Convert mesh structures of the MATLAB package MRST: grids G and coarse grids CG."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ class _Cells(NamedTuple):
 
     @property
     def number(self) -> int:
-        """Number of cells."""
+        """Cell count."""
         if self.solid is not None:
             return len(self.solid.cell_offsets) - 1
         return len(self.plane[0]) - 1
@@ -203,7 +203,7 @@ def _is_list(variable: Variable, count: int) -> bool:
 
 
 def _own_names(variable: Variable) -> dict[str, str]:
-    """Read agglo's table of tag names, a mapping from variable to tag."""
+    """Read agglo's tag name table, a mapping from variable to tag."""
     try:
         names = json.loads(bytes(variable.integers().astype(np.uint8)))
     except (ValueError, RecursionError):
@@ -238,7 +238,7 @@ def _tag_outer_edges(mesh: Mesh, points: Float, pairs: Int, values: Int) -> Int:
     pairs : (k, 2) int
         End points of edges, in either order; inner edges are ignored.
     values : (k,) int
-        Tags of the edges.
+        Edge tags.
     """
     tag = np.full(mesh.n_faces, -1)
     outer = np.flatnonzero(mesh.face_cells[:, 1] < 0)

@@ -116,7 +116,7 @@ def _region(mesh: Mesh, loops: Loops, tags: Mapping[str, Int]) -> dict[str, byte
 
 
 def _boundary(mesh: Mesh, loops: Loops) -> tuple[Int, Int]:
-    """Return the end points of the boundary edges ``(k, 2)``, and lymph's tags of these edges ``(k,)``."""
+    """Return the end points of the boundary edges ``(k, 2)``, and their lymph tags ``(k,)``."""
     outer = np.flatnonzero(mesh.face_cells[:, 1] < 0)
     number = np.cumsum(np.bincount(mesh.face_vertices, minlength=mesh.n_points) > 0) - 1
     tag = mesh.face_tags.get("bc_tag", np.full(mesh.n_faces, _OUTSIDE))[outer]
@@ -144,7 +144,7 @@ def _neighbours(loops: Loops) -> tuple[Int, Int]:
 
 
 def _tags(tags: Mapping[str, Int]) -> Iterator[bytes]:
-    """Yield each tag as a MATLAB variable, then the table of tag names.
+    """Yield each tag as a MATLAB variable, then the tag name table.
 
     Names that are invalid in MATLAB are replaced.
     """

@@ -93,7 +93,7 @@ def labels_of(file: FoamFile, most: int) -> Int:
 
     Raises FileError if damaged.
 
-    ``most`` bounds the number of labels, because a list of equal labels stores only its length and one label.
+    ``most`` bounds the label count, because a list of equal labels stores only its length and one label.
     """
     n, start, bracket = _read_list_head(file, file.start, most)
     if not bracket:
@@ -139,7 +139,7 @@ def faces_of(file: FoamFile) -> tuple[Int, Int]:
 
 
 def _read_list_head(file: FoamFile, place: int, most: int | None = None) -> tuple[int, int, bytes]:
-    """Return the length of a list, the offset of its first byte, and its opening bracket.
+    """Return a list's length, the offset of its first byte, and its opening bracket.
 
     An empty list may lack the bracket.
     """

@@ -119,7 +119,7 @@ def _processors(case: Path, poly: Path) -> list[Path]:
 
 
 def _mesh(part: FoamPart, name: str) -> Mesh:
-    """Build a mesh from the arrays of ``polyMesh``, and check orientation and areas of its faces.
+    """Build a mesh from the arrays of ``polyMesh``, and check its face orientations and areas.
 
     Drop points without a face.
     """
@@ -167,7 +167,7 @@ def _numbers(patches: Mapping[str, Int], mesh: Mesh) -> Int:
 
 
 def _own_tags(folder: Path, n_cells: int) -> Iterator[tuple[str, Int]]:
-    """Yield name and values of the cell tags and levels that agglo has written beside the mesh."""
+    """Yield names and values of cell tags and levels that agglo has written beside the mesh."""
     for file in sorted(folder.iterdir()) if folder.is_dir() else ():
         if file.is_file() and not file.name.startswith("."):
             values = labels_of(open_foam(folder, file.name.removesuffix(".gz")), n_cells)

@@ -106,7 +106,7 @@ def _remove_other_forms(folder: Path, files: Mapping[str, str], compress: bool, 
 
 
 def _poly(mesh: Mesh, faces: _Faces) -> dict[str, str]:
-    """Return the contents of the files in ``polyMesh`` as text, by file name."""
+    """Return the ``polyMesh`` file contents as text, by file name."""
     points, number = used_points(mesh)
     # Reverse the faces whose owner changes.
     offsets, places = gather(mesh.face_offsets, faces.order)

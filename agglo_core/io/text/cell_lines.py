@@ -17,7 +17,7 @@ _ROW = 16  # values per line
 
 
 def tag_lines(tags: Mapping[str, Int], prefix: str = "") -> str:
-    """Return text with a title ``cell data "NAME"``, the number of values, and the values of each tag.
+    """Return text with a title ``cell data "NAME"``, the value count, and the values of each tag.
 
     ``prefix`` begins every line, so that other programs treat it as a comment.
     """
@@ -37,7 +37,7 @@ def find_tags(content: bytes, n_cells: int, prefix: str = "") -> dict[str, Int]:
     Raises
     ------
     FileError
-        If a tag is broken, or its number of values differs from the number of cells.
+        If a tag is broken, or its value count differs from the cell count.
     """
     mark = re.escape(prefix.encode())
     values_of = re.compile(rb"(?:\n%b[-0-9 \t\r]*+(?=\n|\Z))*+" % mark)
@@ -59,7 +59,7 @@ def find_tags(content: bytes, n_cells: int, prefix: str = "") -> dict[str, Int]:
 
 
 def tags_begin(content: bytes, prefix: str = "", start: int = 0) -> int:
-    """Return the offset of the first line ``cell data "NAME"`` in a text, or the length of the text."""
+    """Return the offset of the first line ``cell data "NAME"`` in a text, or the text length."""
     place = content.find(f'\n{prefix}{_TITLE} "'.encode(), max(start - 1, 0))
     return place + 1 if place >= 0 else len(content)
 

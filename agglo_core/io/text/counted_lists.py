@@ -27,11 +27,11 @@ def locate_lists(stream: Int, n: int, ahead: int = 0, behind: int = 0) -> tuple[
     ----------
     stream : int
     n : int
-        Expected number of lists; allocates no memory.
+        Expected list count; allocates no memory.
     ahead : int
-        Number of values before each k (cell names).
+        Value count before each k (cell names).
     behind : int
-        Number of values after each list (colours).
+        Value count after each list (colours).
 
     Returns
     -------

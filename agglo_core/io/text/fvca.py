@@ -1,7 +1,7 @@
 """Read and write FVCA benchmark meshes: sections, each with a title, a row count and rows.
 
 ``.typ2`` lists the points under ``Vertices`` and all cells under ``cells`` or ``Control volumes``, each with
-its number of points. ``.typ1`` has a title for each cell type. Points are numbered from 1.
+its point count. ``.typ1`` has a title for each cell type. Points are numbered from 1.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ def _points(content: bytes, sections: list[_Section]) -> Float:
 
 
 def _cells(content: bytes, section: _Section, n_points: int) -> tuple[Int, Int] | None:
-    """Return the vertices of the cells in a section as CSR, or None if the section lists no cells."""
+    """Return the cell vertices in a section as CSR, or None if the section lists no cells."""
     if section.title not in (*_ALL_KINDS, *_KINDS):
         return None
     numbers = integers(content, section.start, section.stop)

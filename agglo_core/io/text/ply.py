@@ -37,7 +37,7 @@ class Property(NamedTuple):
 
 
 class Element(NamedTuple):
-    """Declared PLY element such as vertex or face: number of rows, and columns."""
+    """Declared PLY element such as vertex or face: row count, and columns."""
 
     name: str
     n: int
@@ -80,7 +80,7 @@ def read_elements(content: bytes, start: int, order: str, elements: list[Element
 
 
 def _split(element: Element) -> tuple[list[Property], list[Property], list[Property]]:
-    """Split the columns of an element into those before the list, the list, and those after it."""
+    """Split an element's columns into those before the list, the list, and those after it."""
     kinds = [bool(p.counted) for p in element.properties]
     place = kinds.index(True) if True in kinds else len(kinds)
     return element.properties[:place], element.properties[place : place + 1], element.properties[place + 1 :]

@@ -1,1 +1,1 @@
-"""Convert points and cells to a mesh, and meshes to lists of cells and faces."""
+"""Convert points and cells to a mesh, and meshes to cell and face lists."""

@@ -1,4 +1,4 @@
-"""Check the orientation of the faces in a file that stores a mesh face by face."""
+"""Check the face orientations in a file that stores a mesh face by face."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ def single_loops(mesh: Mesh) -> tuple[Int, Int, Int]:
     offsets : (n_cells + 1,) int
     vertices : int
     loops : (n_cells,) int
-        Number of boundary loops per cell; for 1 the polygon is the boundary itself.
+        Boundary loops per cell; for 1 the polygon is the boundary itself.
 
     Raises
     ------

@@ -45,7 +45,7 @@ def face_fields(
     cells : (k,) int, optional
         Cells in the file, in its order, if not all; faces without such a cell are not listed.
     usual : mapping of str to int, optional
-        Value of all unlisted faces, by tag; by default the most common value.
+        Value on all unlisted faces, by tag; by default the most common value.
     """
     if not mesh.face_tags:
         return {}

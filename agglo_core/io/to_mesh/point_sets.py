@@ -1,4 +1,4 @@
-"""Replace VTK cells that are given by points alone by the convex hulls of these points."""
+"""Replace VTK cells that are given by points alone by their convex hulls."""
 
 from __future__ import annotations
 

@@ -162,7 +162,7 @@ def _dimensions_and_corners() -> tuple[Int, Int]:
 
 
 def _corner_counts(soup: Soup, corners: Int) -> Int:
-    """Return the number of corners of each cell, without higher-order nodes.
+    """Return the corner count of each cell, without higher-order nodes.
 
     Raises FileError for cells with fewer nodes.
     """

@@ -41,13 +41,13 @@ class Share(NamedTuple):
     Attributes
     ----------
     cells : (n_own,) int
-        Numbers of these cells in the given mesh, in its order.
+        Cell numbers in the given mesh, in its order.
     cell_ids : (n_own,) int
-        Numbers of these cells in the larger mesh.
+        Cell numbers in the larger mesh.
     point_ids : (n_points,) int
-        Numbers of all points in the larger mesh.
+        Point numbers in the larger mesh.
     usual : mapping of str to int
-        Value of all unlisted faces, by face tag.
+        Value on all unlisted faces, by face tag.
     """
 
     cells: Int
@@ -63,7 +63,7 @@ def piece_of(
     derived: Mapping[str, NDArray[Any]],
     share: Share | None = None,
 ) -> Piece:
-    """Return the contents of a VTK file with all cells of a mesh, or with the cells of ``share``."""
+    """Return VTK file contents with all cells of a mesh, or with the cells of ``share``."""
     cells = cells_of(mesh) if share is None else select_cells(cells_of(mesh), share.cells)
     data = dict(tags)
     if (cells.loops > 1).any():
@@ -94,7 +94,7 @@ def _points_of(cells: Cells, n_points: int) -> tuple[Int, Int]:
 
 
 def renumber_vertices(vertices: Int, number: Int | None) -> Int:
-    """Convert point numbers of the mesh to point numbers of the file."""
+    """Convert mesh point numbers to file point numbers."""
     return vertices if number is None else frozen_int(number[vertices])
 
 
@@ -143,7 +143,7 @@ def write_grids(
     already used by a tag gets the prefix ``agglo_``. Field data hold face tags.
 
     A cell with several boundary loops (a hole) is one polygon with a bridge traversed in both directions.
-    Integer cell data ``agglo_loops`` then hold the number of loops per cell. VTK reads such polygons, but its
+    Integer cell data ``agglo_loops`` then hold the loop count per cell. VTK reads such polygons, but its
     triangulation does not fill them: colour the fine mesh by ``level_i`` to see the whole level.
 
     With a hierarchy of k levels, old tags ``level_<number>`` are not written, and files

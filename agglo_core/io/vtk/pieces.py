@@ -73,7 +73,7 @@ class CellArrays(Protocol):
 
 
 class Stored(NamedTuple):
-    """Pieces of a mesh as read from a VTK file, and names of the data that were skipped.
+    """Pieces of a mesh as read from a VTK file, and names of skipped data.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Stored(NamedTuple):
 
 
 def check_counts(n_points: int, n: int) -> None:
-    """Raise FileError if a piece has implausibly many cells for its number of points."""
+    """Raise FileError if a piece has implausibly many cells for its point count."""
     if n > _VISITS * max(n_points, _FEW):
         raise FileError(f"a Piece of {n} cells has only {n_points} points")
 

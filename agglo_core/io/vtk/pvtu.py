@@ -97,7 +97,7 @@ PIECES = _START.format(kind="mesh").encode()
 
 
 def piece_name(stem: str, rank: int) -> str:
-    """Return the path of the VTU file of an MPI rank, relative to ``STEM.pvtu``."""
+    """Return the VTU file path of an MPI rank, relative to ``STEM.pvtu``."""
     return f"{stem}/{stem}_{rank}.vtu"
 
 

@@ -27,7 +27,7 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
     """Write a function, sampled cell by cell, to a ``.vtu`` file for ParaView and VTK.
 
     Cells share no points, so jumps are visible and holes are empty. Cell data: ``cell``, the cell number in
-    the mesh (``agglo_cell`` if a tag is called ``cell``), and the cell tags of the mesh.
+    the mesh (``agglo_cell`` if a tag is called ``cell``), and the mesh's cell tags.
 
     Raises
     ------
@@ -47,15 +47,15 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
 def solution_piece(
     samples: Samples, tags: Mapping[str, Int], *, name: str = "u", cell_ids: Int | None = None
 ) -> Piece:
-    """Return the contents of a VTU file with a function sampled on simplices.
+    """Return VTU file contents with a function sampled on simplices.
 
     Parameters
     ----------
     samples : Samples
     tags : mapping of str to (n_cells,) int
-        Cell tags of the mesh.
+        Mesh cell tags.
     name : str
-        Name of the function.
+        Function name.
     cell_ids : (n_cells,) int, optional
         Cell numbers in the file; by default those in the mesh.
 

@@ -42,7 +42,7 @@ _SPARE, _EXPANSION = 1 << 24, 400  # bytes allowed for arrays: fixed, and per by
 
 
 class VtkHdf(Compressing):
-    """VTKHDF unstructured grids: any mesh with its tags and the labels of all levels, as in ``.vtu``."""
+    """VTKHDF unstructured grids: any mesh with its tags and all level labels, as in ``.vtu``."""
 
     lossless: bool = False
     atomic: bool = True

@@ -278,7 +278,7 @@ def is_own_file(file: Path, *, solutions: bool = False) -> bool:
 
 
 def face_stream(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
-    """Encode polyhedra as number of faces, then size and vertices of each face, seen from outside.
+    """Encode polyhedra as face count, then size and vertices of each face, seen from outside.
 
     Other cells have the end −1 in the stream.
     """

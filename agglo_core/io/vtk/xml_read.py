@@ -55,7 +55,7 @@ class Document:
         ----------
         element : Element
         declared : int
-            Expected number of values according to other parts of the file. Arrays with many more values are
+            Value count expected from other parts of the file. Arrays with many more values are
             rejected before decoding; the caller checks the exact number.
 
         Raises
@@ -109,7 +109,7 @@ class Document:
         return _take(data, start, width + size, raw)[0][width:]
 
     def _compressed(self, data: bytes | memoryview, start: int, limit: _Room, raw: bool) -> bytes:
-        """Decompress an array: a header with the sizes of all blocks, then the blocks."""
+        """Decompress an array: a header with all block sizes, then the blocks."""
         width = self.header.itemsize
         prefix, _ = _take(data, start, 3 * width, raw)
         n, size, last = (int(value) for value in np.frombuffer(prefix, self.header))
@@ -138,7 +138,7 @@ class Document:
 
 
 class _Room(NamedTuple):
-    """Upper limit for the size of an array in bytes, from the declared number of values."""
+    """Upper limit for the size of an array in bytes, from the declared value count."""
 
     declared: int
     width: int

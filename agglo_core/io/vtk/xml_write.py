@@ -1,4 +1,4 @@
-"""Write VTU files: XML, then the raw or zlib-compressed bytes of all arrays.
+"""Write VTU files: XML, then the raw or zlib-compressed array bytes.
 
 Raw appended data need no encoding, and integers take 32 bits if they fit. VTK supports such files since
 version 6.
@@ -104,7 +104,7 @@ class StoredArray(NamedTuple):
 
     @property
     def row(self) -> int:
-        """Number of bytes per point or cell."""
+        """Bytes per point or cell."""
         return self.components * self.dtype.itemsize
 
 
@@ -183,7 +183,7 @@ def _xml(
 
 
 def global_ids(piece: Piece, section: str) -> str:
-    """Return the XML attribute that names the array of global numbers, or an empty string without one."""
+    """Return the XML attribute that names the global number array, or an empty string without one."""
     has_ids = {"PointData": piece.point_ids, "CellData": piece.cell_ids}.get(section) is not None
     return f' GlobalIds="{IDS[section]}"' if has_ids else ""
 
@@ -196,7 +196,7 @@ def _store(stream: IO[bytes], array: StoredArray) -> None:
 
 
 def _deflate(stream: IO[bytes], array: StoredArray) -> None:
-    """Write the bytes of an array as compressed blocks, after the number and sizes of the blocks."""
+    """Write the bytes of an array as compressed blocks, after the block count and sizes."""
     blocks = [zlib.compress(block, _LEVEL) for block in array.blocks()]
     whole = _BLOCK // array.row * array.row
     sizes = (len(blocks), whole, len(array.values) * array.row % whole, *map(len, blocks))
