@@ -93,7 +93,7 @@ class Archive:
         ----------
         name : str
         kinds : str
-            Accepted kinds of dtype, such as ``"iu"``.
+            Accepted dtype kinds, such as ``"iu"``.
         shape : sequence of int or None, optional
             Expected lengths, None for any length; None for any shape.
         most : int, optional
@@ -150,7 +150,7 @@ def read_npy(path: Path, kinds: str) -> NDArray[Any]:
     Raises
     ------
     FileError
-        If it is corrupt, or the kind of its dtype is not in ``kinds``.
+        If it is corrupt, or its dtype kind is not in ``kinds``.
     """
     with _name_array_in_errors(path.stem), path.open("rb") as stream:
         header = _header(stream, path.stat().st_size)
@@ -181,7 +181,7 @@ class _Header(NamedTuple):
 
 
 def _header(stream: IO[bytes], size: int) -> _Header:
-    """Read the header of an array: shape, order and data type.
+    """Read an array header: shape, order and data type.
 
     Raises ValueError unless it accounts for ``size`` bytes in total.
     """
@@ -226,7 +226,7 @@ def _check(name: str, header: _Header, kinds: str, shape: Shape | None, most: in
 
 
 def _values(stream: IO[bytes], header: _Header) -> NDArray[Any]:
-    """Read the values of an array after its header.
+    """Read an array's values after its header.
 
     Raises ValueError if the archive holds fewer bytes.
     """

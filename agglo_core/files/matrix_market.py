@@ -30,7 +30,7 @@ _MARK = b"\xef\xbb\xbf"  # byte order mark
 
 
 class _Header(NamedTuple):
-    """Header of a MatrixMarket file: storage layout, number type, symmetry, sizes, offset of the data."""
+    """Header of a MatrixMarket file: storage layout, number type, symmetry, sizes, data offset."""
 
     kind: str
     field: str
@@ -49,7 +49,7 @@ def read_matrix_market(path: Path, rows: int | None = None) -> Any:
     ----------
     path : Path
     rows : int, optional
-        Expected number of rows; by default any number consistent with the file size.
+        Expected row count; by default any number consistent with the file size.
 
     Raises
     ------

@@ -92,7 +92,7 @@ def _format(arrays: Archive) -> str:
 
 
 def _shape(arrays: Archive, entries: int) -> tuple[int, int]:
-    """Return the declared shape of a matrix, if it is plausible for the number of nonzero entries."""
+    """Return the declared shape of a matrix, if it is plausible for its nonzero count."""
     n, m = (int(size) for size in arrays.integers("shape", (2,)))
     if not 0 <= min(n, m) <= max(n, m) <= entries + EMPTY_ROWS:
         raise FileError(f"array 'shape' is ({n}, {m}), but there are {entries} entries")

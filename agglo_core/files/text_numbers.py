@@ -44,7 +44,7 @@ def integers(content: bytes, start: int = 0, stop: int | None = None) -> Int:
 
 
 def number_rows(content: bytes, start: int, width: int, dtype: type = np.float64) -> NDArray[Any]:
-    """Read a table ``(rows, width)`` from the non-blank lines of a text.
+    """Read a table ``(rows, width)`` from non-blank text lines.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def _check_widths(content: bytes, start: int, stop: int, width: int, count: int)
 
 
 def words_per_line(text: bytes) -> Int:
-    """Return the number of words in each non-blank line of a text."""
+    """Return the word count per non-blank text line."""
     codes = np.frombuffer(text, np.uint8)
     word = codes > ord(" ")
     begins = np.flatnonzero(word & np.concatenate(([True], ~word[:-1])))
