@@ -43,8 +43,8 @@ def to_geojson(
     hierarchy : Hierarchy, optional
     level : int, optional
         Level of the hierarchy. The features are then its agglomerates, with ``agglomerate`` (the label),
-        ``parent`` (the agglomerate of the next coarser level, −1 if there is none), ``cells`` (number of
-        cells), ``measure`` and ``diameter``.
+        ``parent`` (the agglomerate of the next coarser level, −1 if there is none), ``cells`` (cell
+        count), ``measure`` and ``diameter``.
     properties : mapping of name to numbers, one for each feature, optional
         More properties, such as the values of :func:`agglo_core.quality`; NaN is written as null.
 

@@ -18,7 +18,7 @@ from agglo_core.mesh.elements import gather
 
 
 class _Head(NamedTuple):
-    """First line of a METIS graph file: counts, and the layout of the line of each vertex."""
+    """First line of a METIS graph file: counts, and the line layout per vertex."""
 
     vertices: int
     edges: int
@@ -47,7 +47,7 @@ def graph_from_metis(path: str | Path, coordinates: ArrayLike | str | Path) -> G
         Chaco's files the sizes of METIS are names: if the sizes are a permutation of 1 to n, the lines are
         sorted by them.
     coordinates : (n, 2 or 3) float, or path
-        Centroids of the vertices, or a text file with a line per vertex.
+        Vertex centroids, or a text file with a line per vertex.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def _head(line: Int) -> _Head:
 
 
 def _vertex_lines(words: Int, n: int) -> Int:
-    """Return how many numbers are in the line of each vertex.
+    """Return how many numbers are in each vertex line.
 
     Blank lines after the last vertex are ignored.
     """
@@ -114,7 +114,7 @@ def _vertex_lines(words: Int, n: int) -> Int:
 
 
 def _rows(head: _Head, numbers: Int, words: Int) -> _Rows:
-    """Decode neighbours and weights from the lines of all vertices."""
+    """Decode neighbours and weights from all vertex lines."""
     first, step = head.sizes + head.weights, 1 + head.by_edge
     counts = words - first
     if (counts < 0).any() or (counts % step).any() or counts.sum() != 2 * head.edges * step:

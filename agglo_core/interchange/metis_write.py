@@ -51,7 +51,7 @@ def _scaled_integers(values: ArrayLike) -> Int:
 
 
 def parts_to_metis(path: str | Path, hierarchy: Hierarchy) -> list[Path]:
-    """Write the labels of each level to ``PATH.part.K`` with K parts, and return the file paths.
+    """Write each level's labels to ``PATH.part.K`` with K parts, and return the file paths.
 
     Examples
     --------

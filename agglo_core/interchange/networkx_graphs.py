@@ -87,7 +87,7 @@ def graph_from_networkx(
     Parameters
     ----------
     centroid, interface, measure, weight, boundary : str
-        Names of the node attributes (``interface``: edge attribute); ``centroid`` holds 2 or 3 coordinates,
+        Node attribute names (``interface``: edge attribute); ``centroid`` holds 2 or 3 coordinates,
         relative to ``network.graph["origin"]`` if present.
     data : names, optional
         Node attributes for ``data``; default: those listed in ``network.graph["data"]``.

@@ -26,10 +26,10 @@ def graph_from_scotch(path: str | Path, coordinates: ArrayLike | str | Path) -> 
     Parameters
     ----------
     path : path
-        Version 0, number of vertices, number of arcs, first number and three flags; then for each vertex
+        Version 0, vertex count, arc count, first number and three flags; then for each vertex
         ``[name] [load] degree ([load] neighbour)…``, with arbitrary line breaks.
     coordinates : (n, 2 or 3) float, or path
-        Centroids of the vertices; Scotch's ``.xyz`` (dimension, number of vertices, then a vertex and its
+        Vertex centroids; Scotch's ``.xyz`` (dimension, vertex count, then a vertex and its
         coordinates per line), or a line of coordinates per vertex.
 
     Raises
@@ -71,7 +71,7 @@ def graph_from_scotch(path: str | Path, coordinates: ArrayLike | str | Path) -> 
 
 
 def _head(numbers: Int) -> tuple[int, int, int, int, int]:
-    """Return number of vertices, first vertex number, and flags for names, edge weights, vertex weights."""
+    """Return vertex count, first vertex number, and flags for names, edge weights, vertex weights."""
     head = numbers[:_HEAD].tolist()
     if len(head) < _HEAD or head[0] != 0:
         raise FileError(f"begins with {head}, expected 0, the numbers of vertices and arcs, base and flags")
@@ -140,13 +140,13 @@ def _places(source: ArrayLike | str | Path, n: int, base: int) -> ArrayLike:
 def parts_from_scotch(path: str | Path, *, base: int = 0) -> Int:
     """Read a partition ``(n,)`` from a ``.map`` file.
 
-    It holds the number of vertices, then a vertex and its part per line.
+    It holds the vertex count, then a vertex and its part per line.
 
     Parameters
     ----------
     path : path
     base : int
-        Number of the first vertex, as in the graph file.
+        First vertex number, as in the graph file.
 
     Raises
     ------

@@ -206,7 +206,7 @@ def _merge_near(points: Float, rings: _Rings, reach: float) -> tuple[_Rings, int
 
 
 def _insert_hanging(points: Float, rings: _Rings, reach: float) -> tuple[_Rings, int]:
-    """Insert vertices of neighbours that lie on the edges of a ring (hanging vertices), and count them.
+    """Insert neighbour vertices that lie on the edges of a ring (hanging vertices), and count them.
 
     Only edges that no neighbour traverses in the opposite direction can lack a vertex.
     """
@@ -232,7 +232,7 @@ def _insert_hanging(points: Float, rings: _Rings, reach: float) -> tuple[_Rings,
 
 
 def _faces(rings: _Rings, points: Float, items: NDArray[np.object_]) -> tuple[Int, Int, int]:
-    """Match the edges of all rings, and return face vertices, face cells, and the number of overlaps."""
+    """Match the edges of all rings, and return face vertices, face cells, and the overlap count."""
     import shapely
 
     from agglo_core.mesh.kernels.faces import match_half_edges
