@@ -31,7 +31,7 @@ def brain3d(mm: float = 4.0) -> Mesh:
     Parameters
     ----------
     mm : float
-        Edge of the cubes in millimetres, from 2 (the resolution of the data) to 20.
+        Cube edge in millimetres, from 2 (the resolution of the data) to 20.
 
     Examples
     --------

@@ -34,7 +34,7 @@ def names(registry: Registry | None = None) -> list[str]:
 def from_spec(spec: str, registry: Registry | None = None) -> Mesh:
     """Create a mesh from a text ``name:option=value,…``.
 
-    The name of the first option may be omitted.
+    The first option's name may be omitted.
 
     Parameters
     ----------

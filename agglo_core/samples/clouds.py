@@ -18,7 +18,7 @@ def random_triangles(n: int, seed: int = 0) -> Mesh:
     Parameters
     ----------
     n : int
-        Number of random points in the unit square: about 2n cells.
+        Random points in the unit square: about 2n cells.
     seed : int
         Random seed, 0 or more; equal seeds give equal meshes.
 
@@ -40,7 +40,7 @@ def voronoi(n: int, seed: int = 0) -> Mesh:
     Parameters
     ----------
     n : int
-        Number of random points in the unit square: n cells.
+        Random points in the unit square: n cells.
     seed : int
         Random seed, 0 or more; equal seeds give equal meshes.
 

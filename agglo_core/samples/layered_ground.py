@@ -25,7 +25,7 @@ def layered(n: int = 24) -> Mesh:
     Parameters
     ----------
     n : int
-        Number of hexahedra along x and y, half as many along z: about n³/2 cells.
+        Hexahedra along x and y, half as many along z: about n³/2 cells.
 
     Examples
     --------

@@ -22,7 +22,7 @@ def paper(name: Literal["triangles", "squares", "random", "voronoi"]) -> Mesh:
     Parameters
     ----------
     name : {"triangles", "squares", "random", "voronoi"}
-        Name of the grid.
+        Grid name.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from agglo_core.mesh import Mesh
 def check_size(value: object, least: int, option: str, sample: str, power: int = 1) -> int:
     """Return ``value`` as an int if it is an integer of at least ``least``, otherwise raise OptionError.
 
-    The error names the option and the sample. ``value ** power`` is approximately the number of cells, which
+    The error names the option and the sample. ``value ** power`` is approximately the cell count, which
     must be less than 2³¹. A ``power`` of 0 means that the value is not a size.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
@@ -41,7 +41,7 @@ def squares(n: int) -> Mesh:
     Parameters
     ----------
     n : int
-        Number of squares along each side: n² cells.
+        Squares along each side: n² cells.
 
     Examples
     --------
@@ -59,7 +59,7 @@ def triangles(n: int) -> Mesh:
     Parameters
     ----------
     n : int
-        Number of squares along each side: 2n² cells.
+        Squares along each side: 2n² cells.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def disconnected(n: int) -> Mesh:
     Parameters
     ----------
     n : int
-        Number of squares along each side: 2n² cells.
+        Squares along each side: 2n² cells.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def hexagons(n: int) -> Mesh:
     Parameters
     ----------
     n : int
-        Number of hexagons per row, and of rows: n² cells.
+        Hexagons per row, and rows: n² cells.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def ring(n: int) -> Mesh:
     Parameters
     ----------
     n : int
-        Number of quadrilaterals around the annulus, 3 or more: about n²/9 cells.
+        Quadrilaterals around the annulus, 3 or more: about n²/9 cells.
 
     Examples
     --------

@@ -66,7 +66,7 @@ def voronoi3d(n: int, seed: int = 0) -> Mesh:
     Parameters
     ----------
     n : int
-        Number of random points in the unit cube: n cells.
+        Random points in the unit cube: n cells.
     seed : int
         Random seed, 0 or more; equal seeds give equal meshes.
 

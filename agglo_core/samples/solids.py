@@ -18,7 +18,7 @@ def boxes(n: int) -> Mesh:
     Parameters
     ----------
     n : int
-        Number of cubes along each edge: n³ cells.
+        Cubes along each edge: n³ cells.
 
     Examples
     --------
@@ -40,7 +40,7 @@ def tetrahedra(n: int) -> Mesh:
     Parameters
     ----------
     n : int
-        Number of cubes along each edge: 6n³ cells.
+        Cubes along each edge: 6n³ cells.
 
     Examples
     --------
@@ -65,9 +65,9 @@ def prisms(n: int, layers: int = 0, seed: int = 0) -> Mesh:
     Parameters
     ----------
     n : int
-        Number of random points of the triangulation :func:`random_triangles`: about 2n prisms per layer.
+        Random points of the triangulation :func:`random_triangles`: about 2n prisms per layer.
     layers : int
-        Number of layers along z; 0 for round(√n), with prisms about as high as wide.
+        Layers along z; 0 for round(√n), with prisms about as high as wide.
     seed : int
         Random seed, 0 or more; equal seeds give equal meshes.
 
