@@ -139,7 +139,7 @@ def check_indices(offsets: Int, vertices: Int, n_points: int) -> None:
 def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Int, Int, dict[str, int]]:
     """Drop unused points, optionally merge equal points, and renumber the vertices.
 
-    Return the indices of the kept points, the renumbered vertices, and the counts of both repairs.
+    Return the indices of the kept points, the renumbered vertices, and both repair counts.
     """
     merged = 0
     if merge:

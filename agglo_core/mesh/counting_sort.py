@@ -22,7 +22,7 @@ def counting_sort(put: Callable[[int, int, Int, bool], None], n: int, rows: int,
         ``put(start, stop, places, only_count)`` processes the items start..stop−1: the next item of row r
         goes to ``places[r]``, which is then incremented. With ``only_count`` items are only counted.
     n, rows : int
-        Number of items and rows.
+        Item and row counts.
     shares : int
         As for :func:`~agglo_core.threads.ranges`; 1 for as many rows as items.
     """

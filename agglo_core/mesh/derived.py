@@ -37,17 +37,17 @@ class Derived:
 
     @property
     def n_points(self) -> int:
-        """Number of points."""
+        """Point count."""
         return len(self.points)
 
     @property
     def n_faces(self) -> int:
-        """Number of faces (edges in 2-D)."""
+        """Face count (edges in 2-D)."""
         return len(self.face_cells)
 
     @cached_property
     def n_cells(self) -> int:
-        """Number of cells."""
+        """Cell count."""
         return int(self.face_cells.max(initial=-1)) + 1
 
     # -- geometry ------------------------------------------------------------------------------
@@ -107,7 +107,7 @@ class Derived:
         Raises
         ------
         MeshError
-            In 3-D, where the number of vertices varies.
+            In 3-D, where the vertex count varies.
         """
         if self.dim != 2:
             raise MeshError("face_pairs exists only for 2-D meshes; use face_offsets and face_vertices")
@@ -130,7 +130,7 @@ class Derived:
 
     @cached_property
     def cell_inertias(self) -> Float:
-        """Moments of inertia ``∫ |x − C|²`` of the cells about their centroids C ``(n_cells,)``, exact."""
+        """Moments of inertia ``∫ |x − C|²`` per cell about its centroid C ``(n_cells,)``, exact."""
         if self.dim == 2:
             return plane_inertias(
                 self.local_points, self.face_pairs, self.face_cells, *self.cell_faces, self.local_centroids

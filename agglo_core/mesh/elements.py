@@ -60,7 +60,7 @@ def polyhedra_from_elements(blocks: Mapping[str, ArrayLike]) -> Polyhedra:
     Raises
     ------
     MeshError
-        For an unknown kind or a wrong number of columns.
+        For an unknown kind or a wrong column count.
 
     Examples
     --------

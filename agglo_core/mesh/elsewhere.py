@@ -8,7 +8,7 @@ from typing import Any
 
 
 def import_function(target: str) -> Callable[..., Any]:
-    """Import and return the function ``"module:name"`` at the time of the call."""
+    """Import and return the function ``"module:name"`` at call time."""
     module, _, name = target.partition(":")
     function: Callable[..., Any] = getattr(import_module(module), name)
     return function

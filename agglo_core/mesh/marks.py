@@ -37,11 +37,11 @@ def select_members(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: i
     Parameters
     ----------
     word : str
-        Name of the rule, for error messages.
+        Rule name, for error messages.
     given : str, sequence of str, mapping of str to values, or (n,) bool
     tags : mapping of str to (n,) int
     n : int
-        Number of cells or faces.
+        Cell or face count.
     what : "cell" or "face"
 
     Raises
@@ -77,7 +77,7 @@ def values_of(word: str, name: str, tags: Mapping[str, NDArray[Any]], n: int, wh
 
 
 def weights_of(given: Any, data: Mapping[str, NDArray[Any]], n: int) -> Float:
-    """Return cell weights ``(n,)``, given as an array or as the name of cell data.
+    """Return cell weights ``(n,)``, given as an array or as a cell data name.
 
     Raises
     ------

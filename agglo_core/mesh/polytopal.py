@@ -109,7 +109,7 @@ class Mesh(FieldState, Derived, Tagged):
     ) -> Mesh:
         """Build a mesh from polygons given as vertex loops.
 
-        Overlapping cells cause a warning with the difference between total measure and measure of the union.
+        Overlapping cells cause a warning with the difference between total and union measure.
         This check takes a few per cent of the construction time, because it examines outer faces only.
 
         Parameters
@@ -133,7 +133,7 @@ class Mesh(FieldState, Derived, Tagged):
             Accept self-touching polygons; an edge traversed in both directions is a bridge to a hole and is
             dropped.
         strict : bool
-            Also reject overlapping cells and unlisted vertices on the edge of a neighbour.
+            Also reject overlapping cells and unlisted vertices on a neighbour's edge.
 
         Raises
         ------
@@ -336,7 +336,7 @@ class Mesh(FieldState, Derived, Tagged):
         Parameters
         ----------
         cells : (n_cells,) int
-            Numbers of the cells that become cells 0, 1, ….
+            Cells that become cells 0, 1, ….
 
         Raises
         ------
@@ -371,7 +371,7 @@ class Mesh(FieldState, Derived, Tagged):
         return mesh_to_shapely(self)
 
     def to_pyvista(self, hierarchy: Any = None) -> Any:
-        """Return a ``pyvista.UnstructuredGrid`` with tags and the labels of all levels as cell data."""
+        """Return a ``pyvista.UnstructuredGrid`` with tags and all level labels as cell data."""
         from agglo_core.interchange import to_pyvista
 
         return to_pyvista(self, hierarchy)
@@ -394,7 +394,7 @@ class Mesh(FieldState, Derived, Tagged):
         ax : matplotlib.axes.Axes, optional
             By default the axes of a new pyplot figure, displayed by notebooks and ``plt.show()``.
         values : str or (n_cells,) float, optional
-            Cell colours: the name of a cell tag, with a legend (a colour bar for more than nine values), or
+            Cell colours: a cell tag name, with a legend (a colour bar for more than nine values), or
             numbers, with a colour bar; grey for non-finite values.
         cmap : str
             Matplotlib colour map for numbers.

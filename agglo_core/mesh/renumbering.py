@@ -13,7 +13,7 @@ from agglo_core.mesh.derived import Derived
 
 
 class Renumbered(NamedTuple):
-    """Mesh arrays after renumbering, with the old index of each cell and face."""
+    """Mesh arrays after renumbering, with old cell and face indices."""
 
     points: Float
     face_offsets: Int
@@ -24,7 +24,7 @@ class Renumbered(NamedTuple):
 
 
 def renumber_arrays(mesh: Derived, cells: ArrayLike) -> Renumbered:
-    """Reorder the cells of a mesh, and number faces and points in the order of their first use.
+    """Reorder the cells of a mesh, and number faces and points by first use.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def renumber_arrays(mesh: Derived, cells: ArrayLike) -> Renumbered:
 
 
 def _numbers(cells: ArrayLike, n: int) -> tuple[Int, Int]:
-    """Return the checked cell order, and the new index of each cell.
+    """Return the checked cell order, and the new index per cell.
 
     The last entry is the outside (−1).
     """

@@ -22,7 +22,7 @@ class BoundaryKinds(NamedTuple):
     component : (k,) int
         Component of the domain, by its first cell.
     tags : mapping of name to (k,) int
-        Values of the tags.
+        Tag values.
     """
 
     component: Int

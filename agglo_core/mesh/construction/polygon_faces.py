@@ -27,7 +27,7 @@ def polygon_faces(
     offsets, vertices : int
         Vertices per cell as CSR.
     used, own : int
-        Numbers of points and cells in messages.
+        Point and cell numbers in messages.
     weak : bool
         Accept a cell that traverses an edge twice.
     strict : bool

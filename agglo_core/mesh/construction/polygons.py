@@ -36,7 +36,7 @@ _FAULTS = {
 
 
 class Faces(NamedTuple):
-    """Arrays of a checked :class:`~agglo_core.mesh.Mesh`, and the number of repairs of each kind."""
+    """Arrays of a checked :class:`~agglo_core.mesh.Mesh`, and the repair count per kind."""
 
     points: Float
     face_offsets: Int
@@ -225,7 +225,7 @@ def _orient_loops(
 
 
 def _check_coverage(points: Float, offsets: Int, vertices: Int, cell_numbers: Int) -> None:
-    """Raise MeshError if cells overlap, or an edge contains a vertex of a neighbour."""
+    """Raise MeshError if cells overlap, or an edge contains a neighbour's vertex."""
     import shapely
 
     centre = box_centre(points)

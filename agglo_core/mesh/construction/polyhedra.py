@@ -181,7 +181,7 @@ def _check_counts(solids: Polyhedra, numbers: Int | None = None) -> None:
 def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used_points: Int) -> tuple[Int, Int]:
     """Pair half-faces with the same vertex set into faces.
 
-    Return the owner half-face of each face, and its partner or −1.
+    Return each face's owner half-face, and its partner or −1.
     """
     from agglo_core.mesh.kernels.solid_cells import pair_half_faces
 

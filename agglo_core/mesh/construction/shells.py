@@ -45,11 +45,11 @@ def outward_signs(
     cell_of : (n,) int
         Cell per half-face, 0 to k − 1, increasing, without gaps.
     loop_offsets, vertices
-        Loops of the half-faces as CSR.
+        Half-face loops as CSR.
     points : (n_points, 3) float
         Coordinates near the origin, to limit rounding.
     vector, centre : (n, 3) float
-        Area vectors and centroids of the half-faces.
+        Half-face area vectors and centroids.
     off : float
         Distance of hanging points from their edge. Between the tiles and neighbours of a split face there is
         a slit of this width.
@@ -119,7 +119,7 @@ def _star_shaped(
 
 
 def _turns(offsets: Int, vertices: Int, projections: Float, loops: Int, eyes: Float) -> Int:
-    """Return the winding number of each loop, projected along a line, about its point in ``eyes``."""
+    """Return each loop's winding number, projected along a line, about its point in ``eyes``."""
     starts, places = gather(offsets, loops)
     loop = np.repeat(np.arange(len(loops)), np.diff(starts))
     # Edges that cross the height of the point, closing edges included.
@@ -210,7 +210,7 @@ def _units(vectors: Float) -> Float:
 
 
 def _two_sides(f: Int, g: Int, clash: Mask, n: int) -> tuple[Int, Float]:
-    """Return the edge-connected patch of each face, and signs that orient each patch consistently.
+    """Return the edge-connected patch per face, and signs that orient each patch consistently.
 
     Faces f and g share an edge; where ``clash`` is True, one of them must turn. Each face is represented by
     two nodes, as listed and turned. The connected components are then the two orientations of each patch.
@@ -241,7 +241,7 @@ def _shells(patch: Int, cell_of: Int, loops: Int, vertices: Int) -> Int:
 
 
 def _depths(surface: _Surface, shell: Int, cells: Int) -> Float:
-    """Return the nesting depth of each shell: the number of shells around it in the same cell.
+    """Return each shell's nesting depth: the number of shells around it in the same cell.
 
     The depth is the sum of the other shells' face windings along a ray from a point on the shell. It is NaN
     if the point lies on such a face, because the shells then share a part of a face.

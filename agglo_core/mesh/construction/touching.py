@@ -244,7 +244,7 @@ def _on_edges(outer: Outer, ordered: Int, reach: Float) -> Int:
 
 
 def _all_vertex_pairs(outer: Outer, pairs: Int) -> tuple[Int, Int, Int]:
-    """Combine all vertices of both faces in each pair: pair index, first vertex, second vertex."""
+    """Combine all vertices in each face pair: pair index, first vertex, second vertex."""
     offsets, places = gather(outer.offsets, frozen_int(pairs[:, 0]))
     row = np.repeat(np.arange(len(pairs)), np.diff(offsets))
     ends, partner_places = gather(outer.offsets, frozen_int(pairs[row, 1]))

@@ -49,7 +49,7 @@ def polyhedron_inertias(
     """Return ∫ |x − C|² ``(n,)`` of polyhedra, by pyramids between their faces and the centroid C.
 
     A face with area S, centroid m and moment ∫ |x − m|² = M, at distance h from C, contributes h (S |m − C|²
-    + M) / 5. ``vectors`` and ``centres`` are the area vectors and centroids ``(n_faces, 3)`` of the faces.
+    + M) / 5. ``vectors`` and ``centres`` are the face area vectors and centroids ``(n_faces, 3)``.
     """
     areas = np.linalg.norm(vectors, axis=1)
     moments = _face_inertias(points, face_offsets, face_vertices, vectors, centres)

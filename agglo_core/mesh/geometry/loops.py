@@ -46,7 +46,7 @@ def faces_of_cells(face_cells: Int, n_cells: int) -> tuple[Int, Int]:
 
 
 def loops_of_cells(points: Float, offsets: Int, faces: Int, face_pairs: Int, face_cells: Int) -> Loops:
-    """Return the boundary loops of all cells of a 2-D mesh, given by its arrays."""
+    """Return all cell boundary loops of a 2-D mesh, given by its arrays."""
     from agglo_core.mesh.kernels.faces import chain_loops
 
     vertices = np.empty(len(faces), np.int64)

@@ -13,7 +13,7 @@ from agglo_core.threads import over_ranges
 
 
 class Neighbours(NamedTuple):
-    """Neighbours of each cell with interface measures, and the boundary measure of each cell.
+    """Neighbours of each cell with interface measures, and its boundary measure.
 
     The neighbours of cell c are ``indices[indptr[c]:indptr[c + 1]]``, each once. ``interface`` is the total
     measure of the faces shared with that neighbour, ``boundary (n_cells,)`` that of outer faces.

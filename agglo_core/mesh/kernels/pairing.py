@@ -47,7 +47,7 @@ def pair_half_edges(edges, bounds, first, beyond):
     It is −1 outside, and −2 at the second half-edge of a pair.
 
     The entries of bucket ``first + k`` are ``edges[bounds[k]:bounds[k + 1]]``, with rows (lower end, upper
-    end, half-edge, cell) from :func:`to_buckets`. Returns the number of pairs, or −1 if an edge has more than
+    end, half-edge, cell) from :func:`to_buckets`. Returns the pair count, or −1 if an edge has more than
     two cells, two cells on the same side, or one cell on both sides; the output is then invalid.
     """
     most = 0

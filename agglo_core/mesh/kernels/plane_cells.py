@@ -62,9 +62,9 @@ def plane_cells(
 ):
     """Compute moments, vertices and neighbours of cells with half-edges ``edges[offsets[c]:offsets[c + 1]]``.
 
-    Writes area, centroid, boundary length and number of neighbours per cell, and consecutively for all cells
+    Writes area, centroid, boundary length and neighbour count per cell, and consecutively for all cells
     their vertices, neighbours (``indices``) and shared lengths (``interface``), with parallel faces summed.
-    Returns the total number of neighbours. ``edges`` come from :func:`half_edges`.
+    Returns the total neighbour count. ``edges`` come from :func:`half_edges`.
     """
     n, start_of_all = len(offsets) - 1, offsets[0]
     most = 0

@@ -96,7 +96,7 @@ def _loop_fault(points, loop):
 
 @kernel
 def plain_faults(points, offsets, vertices, weak):
-    """Return signed area and fault code of each polygon, without a full test of non-convex ones.
+    """Return signed area and fault code per polygon, without a full test of non-convex ones.
 
     Non-convex polygons are only marked as such.
 
@@ -131,7 +131,7 @@ def plain_faults(points, offsets, vertices, weak):
 
 @kernel
 def loop_faults(points, offsets, vertices, cells):
-    """Return the fault code of each non-convex polygon in ``cells``."""
+    """Return the fault code per non-convex polygon in ``cells``."""
     fault = np.empty(len(cells), np.int64)
     for k in range(len(cells)):
         fault[k] = _loop_fault(points, vertices[offsets[cells[k]] : offsets[cells[k] + 1]])
@@ -139,7 +139,7 @@ def loop_faults(points, offsets, vertices, cells):
 
 
 def check_polygons(points: Float, offsets: Int, vertices: Int, weak: bool) -> tuple[Float, Int]:
-    """Return signed area and fault code of each polygon.
+    """Return signed area and fault code per polygon.
 
     Polygons have three or more vertices. If ``weak``, they may touch themselves.
     """

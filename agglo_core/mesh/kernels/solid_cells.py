@@ -1,4 +1,4 @@
-"""Compiled loops for polyhedra: vertices, closedness of surfaces, face pairing, element rotations."""
+"""Compiled loops for polyhedra: vertices, surface closedness, face pairing, element rotations."""
 
 from __future__ import annotations
 

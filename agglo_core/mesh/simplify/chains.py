@@ -24,7 +24,7 @@ class Chains(NamedTuple):
 
     @property
     def n(self) -> int:
-        """Number of chains."""
+        """Chain count."""
         return len(self.offsets) - 1
 
     @property

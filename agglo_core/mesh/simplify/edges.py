@@ -72,7 +72,7 @@ def _joints(mesh: Derived, tails: Int, heads: Int, tags: Mapping[str, Int]) -> t
 
 
 def _ends(chains: Chains, keep: Mask) -> tuple[Int, Int]:
-    """Return the first and last vertex of each merged edge."""
+    """Return the first and last vertex per merged edge."""
     begins = np.flatnonzero(keep[chains.before])
     last = np.append(begins[1:], len(chains.edges)) - 1
     return (

@@ -81,7 +81,7 @@ def _twins(tails: Int, heads: Int, n_points: int) -> tuple[Int, Int]:
 
 
 def _join_outlines(mesh: Derived, patch: Int, around: Int, outline: Int, whole: Mask) -> _Loops:
-    """Concatenate the boundary loops of merged patches and the loops of all other faces."""
+    """Concatenate the boundary loops of merged patches and all other face loops."""
     alone = np.flatnonzero(~whole[patch])
     sizes = np.diff(mesh.face_offsets)
     is_alone = np.zeros(mesh.n_faces, bool)
@@ -151,7 +151,7 @@ def _split_bent_patches(mesh: Derived, patch: Int, slack: float) -> Int:
 
 
 def _centres(mesh: Derived) -> Float:
-    """Return the mean ``(n_faces, 3)`` of the vertices of each face."""
+    """Return the mean ``(n_faces, 3)`` of each face's vertices."""
     sizes = np.diff(mesh.face_offsets)
     face = frozen_int(np.repeat(np.arange(mesh.n_faces), sizes))
     return frozen_float(sum_by(face, mesh.local_points[mesh.face_vertices], mesh.n_faces) / sizes[:, None])

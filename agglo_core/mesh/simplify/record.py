@@ -69,14 +69,14 @@ def rounding_of(mesh: Derived) -> float:
 
 
 def assemble_faces(sizes: Int, vertices: Int, faces: Int, held_back: int = 0) -> Fewer:
-    """Assemble the arrays of faces with ``sizes`` vertices each, sorted by their first old face.
+    """Assemble face arrays with ``sizes`` vertices each, sorted by their first old face.
 
     Parameters
     ----------
     sizes : (k,) int
     vertices : (v,) int
     faces : (n_faces before,) int
-        New face (of k) of each old face.
+        New face (of k) per old face.
     """
     leads = np.full(len(sizes), len(faces))
     np.minimum.at(leads, faces, np.arange(len(faces)))
