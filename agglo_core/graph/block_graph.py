@@ -72,7 +72,7 @@ class BlockGraph(FieldState, Loaded):
 
     @property
     def n(self) -> int:
-        """Number of nodes."""
+        """Node count."""
         return len(self.measures)
 
     @property
@@ -82,12 +82,12 @@ class BlockGraph(FieldState, Loaded):
 
     @property
     def n_blocks(self) -> int:
-        """Number of blocks B."""
+        """Block count B."""
         return len(self.offsets) - 1
 
     @cached_property
     def sizes(self) -> Int:
-        """Number of nodes per block ``(B,)``."""
+        """Node count per block ``(B,)``."""
         return frozen_int(np.diff(self.offsets))
 
     @cached_property
@@ -215,7 +215,7 @@ class BlockGraph(FieldState, Loaded):
     def wide_parts(self, labels: ArrayLike, limit: float, asked: Mask | None = None) -> Mask:
         """Return the mask ``(k,)`` of parts (labels 0..k−1) with a diameter above ``limit``.
 
-        This is faster than the computation of all diameters.
+        This is faster than computing all diameters.
 
         With ``asked (k,)`` only these parts are examined; others are reported as not wide.
         """

@@ -118,7 +118,7 @@ def principal_frames(level: Graph) -> tuple[Float, Float]:
 
 
 def block_extents(level: Graph, values: Float) -> Float:
-    """Return the range (maximum minus minimum) of each column ``(n, t)`` in each block, ``(B, t)``.
+    """Return the range (maximum minus minimum) per column ``(n, t)`` and block, ``(B, t)``.
 
     Examples
     --------

@@ -55,7 +55,7 @@ def quotient_edges(labels, n_parts, indptr, indices, interface):
     The graph has no loops.
 
     Interfaces are added in the order of the sparse product G A Gᵀ, with bitwise equal results: first the
-    interfaces of the part with one outer cell, then those of the cells of one neighbour, the last cell first.
+    interfaces of the part with one outer cell, then those of one neighbour's cells, the last cell first.
     """
     first, last, beyond, share = _edges_by_part(labels, n_parts, indptr, indices, interface)
     place = np.full(len(labels), -1, np.int64)  # position of an outer cell

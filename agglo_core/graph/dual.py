@@ -46,7 +46,7 @@ class Graph(BlockGraph):
     Attributes
     ----------
     indptr : (n + 1,) int64; indices : (m,) int32
-        CSR of the neighbours, both directions.
+        Neighbour CSR, both directions.
     interface : (m,) float
         Measure of the faces shared with that neighbour.
     centroids : (n, d) float

@@ -38,7 +38,7 @@ __all__ = [
 
 
 def degrees(graph: Graph, *, edge_weights: Float | None = None) -> Float:
-    """Return the sum of edge weights at each node ``(n,)``: D in the paper, the degree if unweighted.
+    """Return the edge weight sum at each node ``(n,)``: D in the paper, the degree if unweighted.
 
     Examples
     --------

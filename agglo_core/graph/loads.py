@@ -25,7 +25,7 @@ class Loads(NamedTuple):
     mass : (n,) float, optional
         This quantity plus a small share of the measure, to break ties. Default: the measures.
     cells : (n,) float, optional
-        Number of mesh cells in each node. Default: 1.
+        Mesh cells in each node. Default: 1.
     weights : (n,) float, optional
         Weights given to the run. Default: those of the graph.
     """
@@ -58,7 +58,7 @@ class Loaded:
 
     @property
     def mass(self) -> Float:
-        """Node quantity ``(n,)`` in proportion to which the sides of a split receive their number of parts.
+        """Node quantity ``(n,)`` in proportion to which the sides of a split receive their parts.
 
         By default the measures; a run may set another quantity (:meth:`with_mass`).
         """
@@ -66,7 +66,7 @@ class Loaded:
 
     @property
     def loads(self) -> Loads | None:
-        """Node quantities balanced in a run with a given number of parts.
+        """Node quantities balanced in a run with a given part count.
 
         The value is None in other runs, and outside of runs.
         """
@@ -94,7 +94,7 @@ class Loaded:
         Parameters
         ----------
         kind : "cells", "measure" or "weights", optional
-            Cell count, measure, or the weights of the run (else the graph weights). Default: the quantity
+            Cell count, measure, or the run weights (else the graph weights). Default: the quantity
             balanced by the run, or cells outside of runs by count.
         """
         loads = self.loads or Loads()

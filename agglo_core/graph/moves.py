@@ -76,7 +76,7 @@ def interface_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Floa
 
 
 def cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Return the change of the number of edges between parts for each move ``(q,)``."""
+    """Return the change of the edge count between parts for each move ``(q,)``."""
     shared = links(graph, labels, cells, parts)
     return shared.own - shared.there
 

@@ -68,7 +68,7 @@ class Objective:
         return growth if growth > _ROUNDING * abs(size) else 0.0
 
     def value(self, graph: Graph, labels: ArrayLike) -> float:
-        """Return the value of the objective for a partition ``labels (n,)``.
+        """Return the objective value for a partition ``labels (n,)``.
 
         Labels may number the parts of each block from 0.
         """

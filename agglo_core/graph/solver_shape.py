@@ -2,7 +2,7 @@
 
 F is the parts' moment of inertia plus 0.2 times their interface, each relative to equally many regular
 hexagons with the same measure. In 3-D, truncated octahedra (Kelvin cells) replace hexagons. F has no unit and
-hardly depends on the number of parts.
+hardly depends on the part count.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def solver_factors(graph: Graph, counts: Int) -> tuple[Float, Float]:
 
 
 def solver_shapes(graph: Graph, labels: Int) -> Float:
-    """Return each part's contribution ``(k,)`` to the objective F of its block.
+    """Return each part's contribution ``(k,)`` to its block's objective F.
 
     Labels number the parts of all blocks.
     """
