@@ -104,7 +104,7 @@ class Cut:
 
     @property
     def n_parts(self) -> int:
-        """Number of parts."""
+        """Part count."""
         return len(self.nodes)
 
     @property

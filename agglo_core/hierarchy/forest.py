@@ -115,7 +115,7 @@ class Forest(FieldState):
 
 
 def _nodes(levels: Sequence[Int], order: Int) -> tuple[Int, ...]:
-    """Return the cell range, parent, finest and coarsest level of each node, and the first node per level."""
+    """Return cell range, parent, finest and coarsest level per node, and the first node per level."""
     nodes = np.empty((5, 0), np.int64)
     rounds: list[int] = []
     holder = np.full(len(order), -1)  # node of the level above at each position

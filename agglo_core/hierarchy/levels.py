@@ -41,14 +41,14 @@ class Hierarchy(FieldState):
     nested : bool
         True if each level is a coarsening of the previous level.
     statistics : mapping
-        Statistics of the run as plain data.
+        Run statistics as plain data.
 
     Raises
     ------
     MeshError
         For labels that are masked, not integers, of another shape, or that leave gaps.
     OptionError
-        If the numbers of targets and levels differ, or levels declared as nested are not.
+        If the target and level counts differ, or levels declared as nested are not.
 
     Examples
     --------
@@ -83,7 +83,7 @@ class Hierarchy(FieldState):
 
     @cached_property
     def parts(self) -> list[int]:
-        """Number of agglomerates per level."""
+        """Agglomerate count per level."""
         return [int(labels.max()) + 1 for labels in self.levels]
 
     @property
@@ -189,7 +189,7 @@ class Hierarchy(FieldState):
         ax, cmap, section : optional
             As for :meth:`agglo_core.Mesh.plot`.
         values : str or (n_level,) float, optional
-            Colours: the name of a metric, or numbers, with a colour bar; grey for non-finite values.
+            Colours: a metric name, or numbers, with a colour bar; grey for non-finite values.
         explode : float, optional
             In 3-D: shift of each agglomerate away from the middle of the mesh, relative to their distance,
             from 0 to 10; by default 0.35.
@@ -253,14 +253,14 @@ class Hierarchy(FieldState):
         A part's indicator is the sum over its cells. Objective ``largest`` minimises the largest part
         indicator over all cuts of this size (with the same grade, if any). The parts with the next largest
         indicators are then split while they fit, until no part can be split or the rest have indicator 0.
-        Objective ``squares`` minimises the sum of squared indicators (for a given number of parts, equal
-        indicators are optimal), in time proportional to cells times parts. The number of parts may stay below
+        Objective ``squares`` minimises the sum of squared indicators (for a given part count, equal
+        indicators are optimal), in time proportional to cells times parts. The part count may stay below
         ``n_parts``, because a part is always split into all of its children.
 
         Parameters
         ----------
         n_parts : int
-            Maximum number of parts; the coarsest level has the fewest.
+            Maximum part count; the coarsest level has the fewest.
         indicator : (n,) float, optional
             Non-negative value per fine cell: an estimated error, a speed, the vicinity of a well. By default
             the measure, so that parts are as equal as the levels allow.

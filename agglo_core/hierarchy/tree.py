@@ -1,4 +1,4 @@
-"""Tree of the recursive splits, and numbering of labels."""
+"""Tree of the recursive splits, and label numbering."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def by_first_cell(labels: ArrayLike) -> Int:
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """Tree of recursive splits, with the cells sorted so that those of every node are contiguous.
+    """Tree of recursive splits, with the cells sorted so that every node's cells are contiguous.
 
     Attributes
     ----------

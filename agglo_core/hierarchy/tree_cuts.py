@@ -2,7 +2,7 @@
 
 ``trees`` are the cells in forest order, the range ``start[p]:stop[p]`` per node p, its first child, child
 count, finest level and coarsest level. The children of p are ``count[p]`` nodes from ``first[p]``;
-``node_of`` holds the node of each cell.
+``node_of`` holds the node per cell.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -70,7 +70,7 @@ def _settle(n_settled, trees, adjacency, grade, node_of, log, n_log, budget):
 
 @kernel
 def refine_largest(trees, adjacency, grade, value, roots, most):
-    """Refine a cut from the roots, largest value first, and return the node of each cell ``(n,)``.
+    """Refine a cut from the roots, largest value first, and return the node per cell ``(n,)``.
 
     The cut has at most ``most`` parts.
 

@@ -1,6 +1,6 @@
-"""Find the cut through trees with minimum cost and a bounded number of parts: a knapsack on trees.
+"""Find the cut through trees with minimum cost and a bounded part count: a knapsack on trees.
 
-Tables hold the minimum cost for each number of parts above the minimum. Children of a node are summed in
+Tables hold the minimum cost for each part count above the minimum. Children of a node are summed in
 pairs, and so are these sums, so that the choices follow from the tables and need no storage.
 
 Nodes are numbered from the roots down, pairs follow after all nodes. The table of node p is
@@ -21,7 +21,7 @@ def _pair_up(begin, end, n_pairs, left_half, right_half, lengths, most, queue):
     """Build a balanced binary tree over the nodes ``begin`` to ``end``, and return its root.
 
     Pairs are numbered after the nodes; ``left_half`` and ``right_half`` are their halves. Also returns the
-    number of pairs in all calls.
+    pair count over all calls.
     """
     n_nodes = len(left_half)
     for p in range(begin, end):
