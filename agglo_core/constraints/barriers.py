@@ -49,7 +49,7 @@ class Barriers:
         return good
 
     def halves(self, graph: Graph, labels: Int, through: Int) -> Int:
-        """Return the side (0 or 1) of each node ``(n,)`` in parts with a barrier inside.
+        """Return the side (0 or 1) per node ``(n,)`` in parts with a barrier inside.
 
         Cell c lies in node ``through[c]``. Nodes adjacent to a barrier are on different sides, all other
         nodes on the side of the nearest barrier node.
@@ -77,7 +77,7 @@ class BarrierTags:
     Parameters
     ----------
     tags : str or tuple of str
-        Names of face tags, for the faces in their groups, or ``"name=3"`` for faces with that value. In
+        Face tag names, for the faces in their groups, or ``"name=3"`` for faces with that value. In
         Python all inputs of :func:`~agglo_core.mesh.marks.select_members` are accepted.
     """
 

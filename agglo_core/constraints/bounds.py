@@ -19,7 +19,7 @@ _NO_LIMITS = 0.0, np.inf  # lower and upper bound of an unbounded quantity
 
 
 class Bounds:
-    """Bounds on the number of cells, the measure or the weight of parts.
+    """Bounds on cell count, measure or weight of parts.
 
     Parts that are too large are split, except single cells. Parts that are too small join the neighbour with
     the longest common interface, where size, count and other constraints allow.
@@ -88,7 +88,7 @@ class Bounds:
         return small
 
     def fewest(self, graph: Graph, components: Int) -> int:
-        """Return the smallest number of parts within the upper bounds, for connected ``components (n,)``."""
+        """Return the smallest part count within the upper bounds, for connected ``components (n,)``."""
         fewest = np.ones(int(components.max()) + 1)
         for values, (_, most) in self._bounded(graph):
             if most < np.inf:  # cells above the bound stay alone

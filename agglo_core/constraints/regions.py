@@ -21,7 +21,7 @@ class Regions:
     tags : str or tuple of str
         Cell tags. Cells belong to one region if all their tags agree.
     values : (n,) array, optional
-        The region of each cell, instead of tags.
+        The region per cell, instead of tags.
 
     Examples
     --------
