@@ -32,7 +32,7 @@ def direct_solver(A: Any, dtype: Any = np.float64, dense: int = 1500) -> Solve:
     ----------
     A : (n, n) sparse
     dtype : numpy dtype
-        Type of the solutions. Matrices are factorised in double precision.
+        Solution type. Matrices are factorised in double precision.
     dense : int
 
     Raises
@@ -147,7 +147,7 @@ def dense_solve(A: Any, dtype: Any = np.float64) -> Solve:
 
 
 def _to_unit_diagonal(A: Any) -> Float:
-    """Return factors ``(n,)`` for rows and columns that scale the diagonal of a matrix to 1."""
+    """Return factors ``(n,)`` for rows and columns that scale a matrix diagonal to 1."""
     n, diagonal = A.shape[0], A.diagonal()
     if not np.isfinite(A.data).all():
         raise np.linalg.LinAlgError(f"the matrix to be factorised ({n} rows) has entries that are not finite")

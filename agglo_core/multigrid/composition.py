@@ -120,9 +120,9 @@ class Composition:
         Parameters
         ----------
         system : System
-            System. With a mesh, smoothers receive the patches of each level.
+            System. With a mesh, smoothers receive each level's patches.
         labels : sequence of (n_blocks,) int
-            Agglomerate of each block (cell) on the coarse levels, finest first.
+            Agglomerate per block (cell) on the coarse levels, finest first.
         injected : sequence of (n, m) sparse, optional
             Coarse functions on the next finer level, finest first, from a discretisation. Default: the
             unknowns of a part are copied to its children.
@@ -133,7 +133,7 @@ class Composition:
         corrections : bool
             Provide coarse corrections to smoothers that use them.
         tell : callable, optional
-            Receives the progress of the set-up.
+            Receives the set-up progress.
 
         Raises
         ------
@@ -272,7 +272,7 @@ def _apply_correction(P: Any, solve: Solve, PT: Any, r: Float) -> Float:
 def _check_matrix(title: str, result: Any, shape: tuple[int, int | None]) -> Any:
     """Check shape and values of the matrix from a component, and return it in CSR or BSR format.
 
-    None in the shape stands for any number of columns.
+    None in the shape stands for any column count.
     """
     rows, columns = shape
     fits = sparse.issparse(result) and result.dtype.kind in "fiu" and result.shape[0] == rows

@@ -1,4 +1,4 @@
-"""Protocols of the components of a multigrid method, and their choice by name."""
+"""Protocols of multigrid components, and their choice by name."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Transfer(Protocol):
 
 @runtime_checkable
 class CoarseOperator(Protocol):
-    """Component that computes the matrix of a coarse level.
+    """Component that computes a coarse-level matrix.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Levels of a multigrid method, ready for cycles."""
+"""Multigrid levels, ready for cycles."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ class Level(FieldState):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LevelStack:
-    """Levels of a multigrid method, finest first, with the coarsest-level solver.
+    """Multigrid levels, finest first, with the coarsest-level solver.
 
     Attributes
     ----------
@@ -179,7 +179,7 @@ class LevelStack:
 
     @property
     def parts(self) -> tuple[int | None, ...]:
-        """Number of agglomerates per level, None for a level without labels."""
+        """Agglomerate count per level, None for a level without labels."""
         return tuple(None if each.labels is None else int(each.labels.max()) + 1 for each in self.levels)
 
     @property
@@ -196,7 +196,7 @@ class LevelStack:
 
     @property
     def table(self) -> LevelTable:
-        """Table of unknowns, matrix entries and smoother of each level."""
+        """Table of unknowns, matrix entries and smoother per level."""
         smoothers = [type(level.smoother).__name__ if level.smoother else "direct" for level in self.levels]
         matrices = [level.A for level in self.levels]
         return LevelTable([A.shape[0] for A in matrices], [A.nnz for A in matrices], smoothers)

@@ -32,7 +32,7 @@ def build_levels(
     block_offsets: ArrayLike | None = None,
     near_null: ArrayLike | None = None,
 ) -> SystemLevels:
-    """Build the levels of algebraic multigrid for a symmetric positive definite matrix.
+    """Build algebraic multigrid levels for a symmetric positive definite matrix.
 
     For scalar systems (one unknown per block, no near-null vector except a positive vector), levels are
     classical (Ruge and Stüben). Otherwise they come from smoothed aggregation.
@@ -168,7 +168,7 @@ class SystemLevels:
 
     @property
     def table(self) -> LevelTable:
-        """Table of unknowns, matrix entries and smoother of each level."""
+        """Table of unknowns, matrix entries and smoother per level."""
         return self.stack.table
 
     def __repr__(self) -> str:

@@ -108,7 +108,7 @@ def aggregation_stack(
     smoother: MakeSmoother = pointwise,
     coarsest: int = 500,
 ) -> LevelStack:
-    """Build levels of smoothed aggregation for a symmetric positive (semi)definite matrix.
+    """Build smoothed-aggregation levels for a symmetric positive (semi)definite matrix.
 
     Parameters
     ----------
@@ -144,8 +144,8 @@ def aggregation_stack(
 
     Notes
     -----
-    If smoothing would fill the coarse matrix, as on graphs with nodes of thousands of neighbours, the level
-    uses the tentative prolongation, and the coarse matrix has no more entries than the finer matrix.
+    If smoothing would fill the coarse matrix, as on graphs with nodes that have thousands of neighbours, the
+    level uses the tentative prolongation, and the coarse matrix has no more entries than the finer matrix.
 
     Vaněk, Mandel, Brezina, Computing 56 (1996). Strength is measured against the *larger* diagonal entry, in
     the spirit of the aggregate quality by Napov and Notay (SIAM J. Sci. Comput. 34, 2012): two weakly joined
@@ -197,7 +197,7 @@ def aggregation_stack(
 def aggregates(
     strength: Couplings, theta: float, labels: Int | None = None, needless: float = _NEEDLESS
 ) -> tuple[Int, int]:
-    """Return the aggregate of each part (−1 for none), and the number of aggregates.
+    """Return the aggregate per part (−1 for none), and the aggregate count.
 
     Parts with a coupling sum of at most ``needless`` times their size belong to no aggregate.
 
@@ -228,7 +228,7 @@ def _level(
 
 
 def _current_labels(labels: Int, holder: Int, parts: int) -> Int:
-    """Return the label of each part on a level, from the first part of A inside it."""
+    """Return the label per part on a level, from the first part of A inside it."""
     inside = np.flatnonzero(holder >= 0)[::-1]
     found = np.zeros(parts, np.int64)
     found[holder[inside]] = labels[inside]
@@ -236,7 +236,7 @@ def _current_labels(labels: Int, holder: Int, parts: int) -> Int:
 
 
 def check_labels(labels: Sequence[ArrayLike] | None, parts: int) -> list[Int]:
-    """Return the labels of each level, or raise OptionError unless each array has one label per part."""
+    """Return the labels per level, or raise OptionError unless each array has one label per part."""
     arrays = [frozen_int(array) for array in labels or ()]
     for k, array in enumerate(arrays):
         if array.shape != (parts,):

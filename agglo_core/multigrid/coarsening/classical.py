@@ -69,7 +69,7 @@ def classical_stack(
         no more unknowns are left than the finest agglomerates. By default all levels are classical.
     near_null : (n,) or (n, 1) float, optional
         Near-null vector with positive entries. Default: ones, or Gauss–Seidel applied to ones if these
-        are not near-null, as after a scaling of the unknowns. The levels then belong to the matrix scaled
+        are not near-null, as after scaling the unknowns. The levels then belong to the matrix scaled
         by this vector, with ``scaling`` in the stack.
     guide : (n, n) sparse, optional
         Symmetric matrix with equivalent energy, and with negative couplings where those of A are

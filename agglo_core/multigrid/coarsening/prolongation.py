@@ -14,7 +14,7 @@ from agglo_core.multigrid.kernels.aggregates import couplings, local_bases, spli
 
 
 class Couplings(NamedTuple):
-    """Coupling strengths between parts of a matrix as CSR, and the size (norm) of each diagonal block."""
+    """Coupling strengths between matrix parts as CSR, and the size (norm) per diagonal block."""
 
     graph: Int
     to: Any
@@ -29,7 +29,7 @@ class Couplings(NamedTuple):
 
     @property
     def neighbours(self) -> float:
-        """Mean number of neighbours of a part."""
+        """Mean neighbour count of a part."""
         return len(self.to) / max(len(self.size), 1)
 
 
@@ -48,9 +48,9 @@ class Tentative:
     mask : (n, k) bool
         Columns of the aggregate that the rows of T contain.
     holder : (n,) int
-        Aggregate of each unknown, −1 for none.
+        Aggregate per unknown, −1 for none.
     R : (aggregates, k, k) float
-        B in the basis of each aggregate.
+        B in each aggregate's basis.
     """
 
     T: Any
@@ -74,9 +74,9 @@ def tentative(labels: Int, count: int, near_null: Float) -> Tentative:
     Parameters
     ----------
     labels : (n,) int
-        Aggregate of each unknown, −1 for none.
+        Aggregate per unknown, −1 for none.
     count : int
-        Number of aggregates.
+        Aggregate count.
     near_null : (n, k) float
 
     Examples

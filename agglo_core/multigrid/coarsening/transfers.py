@@ -94,7 +94,7 @@ class Aggregation:
         self.weak = weak
 
     def prolongation(self, step: Coarsening) -> CoarseSpace:
-        """Return the prolongation P with its block offsets, and the near-null vectors of the coarse level.
+        """Return the prolongation P with its block offsets, and the coarse near-null vectors.
 
         Raises
         ------

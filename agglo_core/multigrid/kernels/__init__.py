@@ -1,1 +1,1 @@
-"""Compiled kernels of multigrid: sparse products, sweeps, patches, aggregates."""
+"""Compiled multigrid kernels: sparse products, sweeps, patches, aggregates."""

@@ -1,4 +1,4 @@
-"""Kernels for aggregation: coupling strengths, greedy aggregates, splitting of labels, local bases.
+"""Kernels for aggregation: coupling strengths, greedy aggregates, label splitting, local bases.
 
 A part is a range of consecutive unknowns. Couplings are a CSR over parts, without the diagonal.
 """
@@ -12,9 +12,9 @@ from agglo_core.compiled.compiling import kernel
 
 @kernel
 def couplings(indptr, indices, data, offsets, part_of):
-    """Return the coupling strengths between parts as CSR, and the size (norm) of each diagonal block.
+    """Return the coupling strengths between parts as CSR, and the size (norm) per diagonal block.
 
-    Part p has the rows ``offsets[p]:offsets[p + 1]``, and ``part_of`` is the part of each row. For single
+    Part p has the rows ``offsets[p]:offsets[p + 1]``, and ``part_of`` is the part per row. For single
     unknowns, the coupling is −a_ij and the size a_ii, so positive entries couple negatively. For larger
     parts, both are Frobenius norms of blocks.
     """
@@ -53,9 +53,9 @@ def couplings(indptr, indices, data, offsets, part_of):
 
 @kernel
 def greedy_aggregates(graph, to, weight, size, theta, needless):
-    """Aggregate the parts greedily by the strength of their couplings.
+    """Aggregate the parts greedily by coupling strength.
 
-    Returns the aggregate of each part, −1 for parts without coarse unknown, and the number of aggregates.
+    Returns the aggregate per part, −1 for parts without coarse unknown, and the aggregate count.
 
     A coupling w between i and j is strong if w > θ max(s_i, s_j), and i leans on j if w > θ s_i, with sizes
     s. A part that leans on no other part forms a separate aggregate, as it may have many neighbours that lean
@@ -125,8 +125,8 @@ def split_labels(graph, to, weight, size, theta, labels):
     """Split each set of parts with equal label into pieces connected by strong couplings.
 
     Couplings and strength are as in :func:`greedy_aggregates`. A part without strong coupling inside its
-    label joins the piece in this label that it leans on most. Returns the piece of each part, numbered by
-    first part, and the number of pieces.
+    label joins the piece in this label that it leans on most. Returns the piece per part, numbered by
+    first part, and the piece count.
     """
     # 1. Connected pieces by depth-first search over strong couplings inside each label. ``alone`` marks parts
     #    without strong coupling.

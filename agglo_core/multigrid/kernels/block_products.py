@@ -64,9 +64,9 @@ def block_products(width: int) -> Any:
 
 @kernel
 def block_columns(indptr, indices, columns):
-    """Transpose a sparsity pattern of blocks by a counting sort, with ascending rows in each column.
+    """Transpose a block sparsity pattern by a counting sort, with ascending rows in each column.
 
-    Returns offsets by column, rows, and the position of each block in row order.
+    Returns offsets by column, rows, and each block's position in row order.
     """
     starts = np.zeros(columns + 1, np.int32)
     # Count the blocks per column.

@@ -1,7 +1,7 @@
 """Block Gauss–Seidel sweeps, and inverses of diagonal blocks.
 
 Matrices with equal blocks are stored as ``scipy.sparse.bsr_array``, matrices with blocks of unequal size as
-``csr_array`` with offsets of the parts. Indices need not be sorted. All matrices are symmetric.
+``csr_array`` with part offsets. Indices need not be sorted. All matrices are symmetric.
 """
 
 from __future__ import annotations

@@ -77,7 +77,7 @@ def _literal(n: Any) -> int:
 class _Lanes:
     """Generator of instructions for vectors of ``width`` entries, padded with zeros to a power of two.
 
-    ``argument`` is the number of an array argument of the intrinsic, and ``place`` an index into this array.
+    ``argument`` is the number of the intrinsic's array argument, and ``place`` an index into this array.
     """
 
     def __init__(self, context: Any, builder: Any, signature: Any, args: Any, width: int) -> None:

@@ -194,10 +194,10 @@ def _second_pass(indptr, indices, strong, stays):
 
 @kernel
 def classical_weights(indptr, indices, data, strong, stays, number):
-    """Return the weights of classical interpolation as a CSR matrix ``graph, to, weight``.
+    """Return the classical interpolation weights as a CSR matrix ``graph, to, weight``.
 
     A C-point has weight 1. An F-point interpolates from all C-points that it depends on. ``number`` is the
-    coarse number of each C-point. For an F-point i with its set C_i of C-points, the weights are w_ij =
+    coarse number per C-point. For an F-point i with its set C_i of C-points, the weights are w_ij =
     −(a_ij + Σ_m a_im ā_mj / Σ_l∈C_i ā_ml) / d_i for j ∈ C_i, with m over the other strong entries and ā the
     negative part of a. The diagonal d_i is a_ii plus all weak entries, plus a_im if row m is not coupled
     to C_i.

@@ -1,4 +1,4 @@
-"""Gauss–Seidel sweeps through disjoint groups of parts of a block matrix."""
+"""Gauss–Seidel sweeps through disjoint part groups of a block matrix."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
     Group g has the parts ``parts[offsets[g]:offsets[g + 1]]``. Each part belongs to one group. The inverse of
     the matrix on a group is stored by rows from ``starts[g]``. Matrix rows follow the order of ``parts``,
     ``x`` and the columns the original order: stored data are read from begin to end, which takes a third to a
-    half of the time of any other order for data beyond the cache.
+    half the time of any other order for data beyond the cache.
 
     ``residual_sweep(offsets, parts, starts, inverses, indptr, indices, data, r, x)``
         A forward sweep through the groups that updates x and its residual r. Block (i, j) serves as

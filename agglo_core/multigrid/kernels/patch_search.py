@@ -12,7 +12,7 @@ def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_grou
     """Collect the distinct sets of 2 to ``most`` parts around a vertex or vertex group, as CSR.
 
     Cell c has the vertices ``cell_vertices[cell_offsets[c]:cell_offsets[c + 1]]`` and the part ``labels[c]``.
-    ``vertex_groups`` is the group of each vertex. Parts ascend within sets, and sets follow their first
+    ``vertex_groups`` is the group per vertex. Parts ascend within sets, and sets follow their first
     group.
     """
     # 1. Parts of the cells around each group, with repetitions, by counting sort.
@@ -89,7 +89,7 @@ def _comes_before(parts, offsets, s, t):
 def without_contained(offsets, parts, n_parts):
     """Drop sets contained in larger sets, and add a set for each part that is in no set.
 
-    Sets are CSR, distinct, with ascending parts, also in the result. The order of sets is lexicographic.
+    Sets are CSR, distinct, with ascending parts, also in the result. The set order is lexicographic.
     """
     # 1. The sets that contain each part.
     count = len(offsets) - 1

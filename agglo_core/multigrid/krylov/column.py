@@ -75,7 +75,7 @@ class Column:
 
     @property
     def done(self) -> int:
-        """Number of iterations."""
+        """Iteration count."""
         return len(self.residuals) - 1
 
     def run(self) -> Steps:
@@ -94,7 +94,7 @@ class Column:
             self._error = np.inf
 
     def history(self) -> History:
-        """Return the history of the iteration, with the last iterate and the outcome."""
+        """Return the iteration history, with the last iterate and the outcome."""
         error = self._error if np.isfinite(self._error) else None
         sizes = (self.size, self._error)
         tests = tuple(name for name, value in zip(TESTS, sizes, strict=True) if value <= self.rules.tolerance)

@@ -23,7 +23,7 @@ class RitzValue:
     Attributes
     ----------
     steps, ratios : list of float
-        Length of each step, and the ratio of r·r after and before.
+        Step lengths, and the ratios of r·r after and before.
     least : float
         Value at the last :meth:`refresh`.
     """

@@ -44,11 +44,11 @@ def conjugate_gradients(
     most : int
         Maximum number of iterations.
     measure : callable, optional
-        Measure of residuals. Default: :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
+        Residual measure. Default: :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
     energy : callable, optional
         Function of x: the norm to compare ‖e‖_A with, for the error e. Default: (b·x)^½.
     tell : callable, optional
-        Receives the progress of the iteration, see :func:`iterated`.
+        Receives the iteration progress, see :func:`iterated`.
 
     Notes
     -----

@@ -66,12 +66,12 @@ def pcg(
         Maximum total iterations, extrapolated from the reduction in the first five. A slower iteration
         ends there, as if five were ``most``. For an M with unknown quality.
     measure : callable, optional
-        Measure of residuals. Default: ‖r‖ / ‖b‖ or, if row sizes of A differ by a factor above 100,
+        Residual measure. Default: ‖r‖ / ‖b‖ or, if row sizes of A differ by a factor above 100,
         :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
     energy : callable, optional
         Function of x: the norm to compare ‖e‖_A with, for the error e. Default: (b·x)^½.
     tell : callable, optional
-        Receives the progress of the iteration.
+        Receives the iteration progress.
 
     Returns
     -------

@@ -119,7 +119,7 @@ Smaller: a more reliable eigenvalue, for more steps.
 def probe_ritz_value(n: int, done: int) -> Generator[Request, Float, float]:
     """Estimate the smallest Ritz value of M A by conjugate gradients from a random vector ``(n,)``.
 
-    The number of steps is at most four plus twice the iterations ``done``, and much smaller for a good M. No
+    The step count is at most four plus twice the iterations ``done``, and much smaller for a good M. No
     mode can hide by its absence from b. If the vector leads to a null vector of A, the steps are repeated
     from a random vector in the range of A.
 

@@ -57,7 +57,7 @@ class BlockMatrix:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Shape ``(n, n)`` of the matrix."""
+        """Matrix shape ``(n, n)``."""
         n = self.matrix.shape[0]
         return n, n
 
@@ -116,7 +116,7 @@ class BlockMatrix:
 
     @cached_property
     def _arrays(self) -> tuple[NDArray[Any], ...]:
-        """Arrays of the matrix and of its inverse diagonal blocks, as arguments for kernels."""
+        """Arrays of the matrix and its inverse diagonal blocks, as kernel arguments."""
         A = self.matrix
         rows = (*_pattern(A), frozen(A.data, self.dtype).reshape(-1))
         inverses = frozen(self.inverses.data, self.dtype).reshape(-1)
@@ -256,7 +256,7 @@ def _diagonal(A: Any, offsets: Int) -> Float:
 
 
 def _places(offsets: Int) -> Int:
-    """Return the index of the first entry of each diagonal block in the flat array of all blocks."""
+    """Return the index of each diagonal block's first entry in the flat array of all blocks."""
     squares = np.diff(offsets) ** 2
     return frozen_int(np.cumsum(squares) - squares)
 
@@ -291,6 +291,6 @@ def _require_symmetric(A: Any) -> None:
 
 
 def _pattern(A: Any) -> tuple[NDArray[Any], ...]:
-    """Return row offsets and column indices in the integer type of the kernels."""
+    """Return row offsets and column indices in the kernels' integer type."""
     small = max(A.indptr[-1], A.shape[0]) < np.iinfo(np.int32).max
     return tuple(frozen(each, np.int32 if small else np.int64) for each in (A.indptr, A.indices))

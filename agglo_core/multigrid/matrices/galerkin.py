@@ -45,7 +45,7 @@ def csr_galerkin(A: Any, P: Any) -> Any:
 
 
 def product_entries(A: Any, P: Any) -> float:
-    """Estimate the number of entries of Pᵀ A P from evenly spaced columns.
+    """Estimate the entry count of Pᵀ A P from evenly spaced columns.
 
     Parameters
     ----------
@@ -98,9 +98,9 @@ def injection(parents: Int, width: int = 1) -> sparse.bsr_array:
     Parameters
     ----------
     parents : (n,) int
-        Coarse part of each fine part: 0..parts − 1.
+        Coarse part per fine part: 0..parts − 1.
     width : int
-        Number of unknowns per part.
+        Unknowns per part.
 
     Examples
     --------
@@ -157,7 +157,7 @@ def build_stack(
     patches: Sequence[Patches | None] | None = None,
     steps: int = 1,
 ) -> LevelStack:
-    """Build the levels of a multigrid method with coarse matrices Pᵀ A P, computed in double precision.
+    """Build multigrid levels with coarse matrices Pᵀ A P, computed in double precision.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def build_stack(
     labels : sequence of (n_cells,) int, optional
         Part of each mesh cell per level, finest first. Without labels, smoothers treat each part as a cell.
     patches : sequence of Patches or None, optional
-        Patches of each smoothed level, finest first.
+        Patches per smoothed level, finest first.
     steps : int
         Smoothing steps before and after the coarse correction.
 
@@ -241,7 +241,7 @@ def _to_bsr_or_csr(P: Any) -> Any:
 
 
 def _offsets(offsets: Any, prolongations: Sequence[Any]) -> list[Int]:
-    """Return the block offsets of every level."""
+    """Return the block offsets per level."""
     if len(offsets) and np.ndim(offsets[0]):
         if len(offsets) != len(prolongations) + 1:
             raise OptionError(

@@ -36,7 +36,7 @@ class Adapted:
     A : (n, n) sparse
         Level matrix.
     title : str
-        Title of the smoother in errors.
+        Smoother title in errors.
     guard : Guard
 
     Examples
@@ -109,7 +109,7 @@ def adapted(
     level : MultigridLevel
         Level with its matrix in double precision.
     title : str
-        Title of the smoother in errors.
+        Smoother title in errors.
     guard : Guard, optional
 
     Raises

@@ -45,9 +45,9 @@ def additive_schwarz(
     block_offsets : (parts + 1,) int or None
         Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``. None for single unknowns.
     labels : (parts,) int
-        Subdomain of each part, 0..k−1: agglomerates of cells.
+        Subdomain per part, 0..k−1: agglomerates of cells.
     overlap : int
-        Number of layers of neighbouring parts to add to each subdomain.
+        Layers of neighbouring parts to add to each subdomain.
     coarse : bool
         Add a coarse level, by smoothed aggregation with the subdomains as aggregates. Then iteration
         counts do not grow with the number of subdomains of fixed size.

@@ -46,7 +46,7 @@ class GaussSeidel:
         OptionError
             If the matrix is not symmetric.
         LinAlgError
-            If the block of a part is not positive definite.
+            If a part's block is not positive definite.
         """
         return self.on(block_matrix(level.A, level.block_offsets, dtype), level.steps)
 
@@ -113,7 +113,7 @@ class Chebyshev:
     Parameters
     ----------
     degree : int
-        Number of matrix applications per step.
+        Matrix applications per step.
     ratio : float
         Ratio of λ_max to the smallest eigenvalue to be smoothed.
 
@@ -154,7 +154,7 @@ class Chebyshev:
 
 
 def _chebyshev(centre: float, radius: float, degree: int) -> tuple[tuple[float, float], ...]:
-    """Return the factors α, β of each Chebyshev step (Saad, Iterative Methods, algorithm 12.1)."""
+    """Return the factors α, β per Chebyshev step (Saad, Iterative Methods, algorithm 12.1)."""
     sigma = centre / radius
     rho = 1.0 / sigma
     steps = [(0.0, 1.0 / centre)]

@@ -31,7 +31,7 @@ def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = _MOST) 
     mesh : Mesh
         2-D or 3-D mesh.
     labels : (n_cells,) int, optional
-        Part of each cell, 0..k−1. By default, the cells are the parts. Then up to three vertices joined
+        Part per cell, 0..k−1. By default, the cells are the parts. Then up to three vertices joined
         by edges shorter than 0.4 times the diameter of an adjacent cell count as one: their patches would
         hardly differ, and needles are smoothed together with all cells around.
     most : int
@@ -62,7 +62,7 @@ def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = _MOST) 
 
 
 def _join_short_edges(mesh: Mesh, most: int) -> tuple[Index, int]:
-    """Join points along short edges, and return the group of each point ``(n_points,)`` and their number.
+    """Join points along short edges, and return the group per point ``(n_points,)`` and their number.
 
     Up to three points are joined, along the shortest edges. Points of too many cells are not joined, as the
     cells around three of these might exceed ``most``.
