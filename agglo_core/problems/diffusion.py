@@ -55,7 +55,7 @@ class Diffusion:
     exact : callable, optional
         Exact solution, if known, for error norms.
     boundary : str
-        Face tag with the parts of the boundary. On a mesh without the tag ``"boundary"``, all faces have
+        Face tag with the boundary parts. On a mesh without the tag ``"boundary"``, all faces have
         the value 0.
 
     Raises

@@ -43,7 +43,7 @@ class Samples:
     Attributes
     ----------
     cells : (q,) int
-        Cell of each point.
+        Cell per point.
     points : (q, d) float
     simplices : (t, d + 1) int
         Triangles or tetrahedra by point numbers, each within one cell.

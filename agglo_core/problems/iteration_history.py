@@ -92,7 +92,7 @@ class History:
 
     @property
     def iterations(self) -> int:
-        """Number of iterations."""
+        """Iteration count."""
         return len(self.residuals) - 1
 
     @property
@@ -122,12 +122,12 @@ def unsolved(b: Float, reason: str) -> History:
 
 
 def iterated(iterations: int, size: float, tolerance: float) -> tuple[float, str]:
-    """Return the progress of an iteration as a fraction (digits gained over digits required) and as text.
+    """Return the iteration progress as a fraction (digits gained over digits required) and as text.
 
     Parameters
     ----------
     iterations : int
-        Number of completed iterations.
+        Completed iterations.
     size : float
         Residual relative to the first residual.
     tolerance : float

@@ -62,7 +62,7 @@ class Linear:
     b : (n,) or (n, k) float
         One right-hand side, or several if the solver supports several.
     block_offsets : (n_cells + 1,) int
-        Offsets of the cells. The number of unknowns may vary, and be zero, if the solver supports this.
+        Cell offsets. The number of unknowns may vary, and be zero, if the solver supports this.
     near_null : (n, m) float, optional
         Near-null vectors of A, such as constants and rigid motions.
 
@@ -152,7 +152,7 @@ def _file(key: str, table: Mapping[str, Any], folder: Path) -> Path:
 
 @contextmanager
 def _guard_reading(key: str, path: Path, suffixes: Sequence[str]) -> Iterator[None]:
-    """Check the suffix of a file, and convert exceptions of readers to FileErrors that name the file."""
+    """Check a file's suffix, and convert reader exceptions to FileErrors that name the file."""
     if path.suffix.lower() not in suffixes:
         raise OptionError(f"{key} must end in {', '.join(suffixes)}, given {path.name!r}")
     try:

@@ -54,7 +54,7 @@ class MultigridLevel:
     coarse : callable, optional
         Maps a residual ``(n,)`` to the coarse correction ``(n,)``. None for no coarse correction.
     steps : int
-        Number of smoothing steps per application.
+        Smoothing steps per application.
     patches : Patches, optional
         Groups of parts around a vertex, or None without a mesh.
 
@@ -131,7 +131,7 @@ class CoarseSpace:
     P : (n, m) sparse
         Prolongation.
     block_offsets : (parts + 1,) int, optional
-        Unknowns of each coarse part. Default: equally many.
+        Unknowns per coarse part. Default: equally many.
     near_null : (m, k) float, optional
         Near-null vectors on the coarse level, passed to its own transfer.
 
@@ -150,14 +150,14 @@ class CoarseSpace:
 
 
 class LevelTable:
-    """Table of unknowns and matrix entries of each multigrid level.
+    """Table of unknowns and matrix entries per multigrid level.
 
     Parameters
     ----------
     unknowns, entries : sequence of int
         Counts per level, finest first.
     smoothers : sequence of str, optional
-        Smoother of each level, and the coarsest solver.
+        Smoother per level, and the coarsest solver.
 
     Examples
     --------

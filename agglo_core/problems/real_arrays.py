@@ -131,7 +131,7 @@ def _coordinates(A: Any) -> Any:
 
 
 def _triples(A: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Return values, row indices and column indices of the entries of a matrix.
+    """Return values, row indices and column indices of matrix entries.
 
     scipy's own conversions do not check offsets and lists.
     """

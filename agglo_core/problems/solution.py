@@ -121,7 +121,7 @@ class Solution:
     - ``lifting``: offset that was subtracted from x (``residuals`` then belong to the rest);
     - ``operator_complexity``, ``grid_complexity``: entries and unknowns of all levels over those of the
       finest;
-    - ``parts``: number of agglomerates for each level in ``operators``, None for unknowns without
+    - ``parts``: agglomerate count for each level in ``operators``, None for unknowns without
       agglomerates;
     - ``memory``: size of the preconditioner in bytes;
     - ``seconds``, ``cpu_seconds``: wall and CPU time of the phases ``"hierarchy"`` (if built by the solver),

@@ -87,7 +87,7 @@ class System:
 
     @property
     def n_blocks(self) -> int:
-        """Number of blocks."""
+        """Block count."""
         return len(self.block_offsets) - 1
 
     @property

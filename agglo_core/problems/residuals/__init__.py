@@ -1,1 +1,1 @@
-"""Measures of residuals, and their limits due to rounding."""
+"""Residual measures, and their limits due to rounding."""

@@ -1,4 +1,4 @@
-"""Backward error of an iterate, compared with the rounding of double precision."""
+"""Backward error of an iterate, compared with double-precision rounding."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class Imposed(NamedTuple):
     values : (m,) float
         Solution of the member rows, with all other unknowns 0.
     label : (n,) int
-        Cluster number of each unknown. Unknowns outside clusters have unique numbers.
+        Cluster number per unknown. Unknowns outside clusters have unique numbers.
     """
 
     members: Int
@@ -113,7 +113,7 @@ def _share(forces: Float, sizes: Float, counted: Any = True) -> float:
 
 
 def _usual_size(A: Any) -> float:
-    """Return the usual size of entries: the lower quartile of magnitudes, estimated from a sample."""
+    """Return the usual entry size: the lower quartile of magnitudes, estimated from a sample."""
     data = np.ravel(A if isinstance(A, np.ndarray) else A.data)
     if len(data) > _SAMPLE:  # at random, because strides may hit the diagonal only
         data = data[np.random.default_rng(0).integers(len(data), size=_SAMPLE)]
@@ -122,7 +122,7 @@ def _usual_size(A: Any) -> float:
 
 
 def _clusters(A: Any, rows: Any, least: float, sizes: Float) -> tuple[Int, Any]:
-    """Return the cluster of each unknown ``(n,)``, and True where a constant shift costs little energy.
+    """Return the cluster per unknown ``(n,)``, and True where a constant shift costs little energy.
 
     Only unknowns in the given ``rows (n,)`` belong to clusters. Components that are not clusters may contain
     smaller clusters with stiffer springs.
@@ -167,7 +167,7 @@ def _solve_members(rows: Any, b: Float, members: Int, root: Int, label: Int) -> 
     Returns
     -------
     values : (m,) float
-        Values of the members.
+        Member values.
     forces, stiffness : (n,) float
         Load and diagonal entry in each root row after elimination of the members.
     """
