@@ -186,7 +186,7 @@ def own_mesh(hierarchy: Hierarchy) -> Mesh:
 
 
 def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
-    """Return the labels of the coarse levels that a multigrid method uses, finest first.
+    """Return the coarse-level labels that a multigrid method uses, finest first.
 
     Parameters
     ----------

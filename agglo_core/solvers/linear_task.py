@@ -145,7 +145,7 @@ class LinearTask:
         return M if self._matrix_factor == 1.0 else self._matrix_factor * M
 
     def parts(self, stack: Any) -> tuple[int | None, ...]:
-        """Number of cells on the finest level, and None on coarser levels, which may come from the matrix."""
+        """Cell count on the finest level, and None on coarser levels, which may come from the matrix."""
         return self._cells, *(None for _ in stack.levels[1:])
 
     def iterate(

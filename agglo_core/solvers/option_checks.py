@@ -1,4 +1,4 @@
-"""Checks of options, with exceptions that name option, given value and accepted values."""
+"""Option checks, with exceptions that name option, given value and accepted values."""
 
 from __future__ import annotations
 

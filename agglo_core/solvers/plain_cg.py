@@ -21,7 +21,7 @@ class PlainCG:
 
     The levels of the hierarchy are not used. If ``max_iterations`` do not suffice, the solution is the
     iterate with the smallest residual and ``iterations`` its number, as in the paper's tables. ``reason``
-    then gives the total number of iterations.
+    then gives the total iteration count.
 
     Parameters
     ----------

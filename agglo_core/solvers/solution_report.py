@@ -45,7 +45,7 @@ def report(
     Returns
     -------
     dict
-        - ``cells`` of a level: number of agglomerates, None if unknowns belong to none;
+        - ``cells`` of a level: agglomerate count, None if unknowns belong to none;
         - ``nonzeros`` of a level: number of stored matrix entries, None if unavailable;
         - ``energy``: fᵀu, the work of source and fluxes;
         - ``relative_residual``: measure of b − A x, without an offset that the solver subtracted;
@@ -54,7 +54,7 @@ def report(
         - ``error_l2``, ``error_dg`` and further norms of the discretisation: absolute, None if unknown;
         - ``operator_complexity``: matrix entries of all levels divided by finest entries;
         - ``grid_complexity``: unknowns of all levels divided by finest unknowns;
-        - ``contraction``, ``asymptotic_contraction``: mean factor of residual reduction per iteration,
+        - ``contraction``, ``asymptotic_contraction``: mean residual reduction factor per iteration,
           over all iterations and over the second half;
         - ``memory``, ``cpu_seconds``, ``choice``, ``advice``: as reported by the solver, or None or
           empty.
@@ -114,7 +114,7 @@ def operator_complexity(solution: Solution) -> float | None:
 
 
 def _parts(mesh: Mesh, solution: Solution, dofs: list[int]) -> list[int | None]:
-    """Return the number of agglomerates per level, as reported or computed from the unknowns per cell.
+    """Return the agglomerate count per level, as reported or computed from the unknowns per cell.
 
     The number is None where the unknowns are not divisible.
     """
