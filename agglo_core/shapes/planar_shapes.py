@@ -148,7 +148,7 @@ def box_ratios(points, offsets, hull):
 
 @helper
 def _clip(source, m, target, ax, ay, ux, uy):
-    """Copy the part of a convex polygon left of a line, and return its number of corners.
+    """Copy the part of a convex polygon left of a line, and return its corner count.
 
     The polygon is ``source[:m]``, the line passes through a along u.
     """

@@ -50,7 +50,7 @@ def _note(points, vertices, m, x, y, z, width, ties, count):
 
 @helper
 def _edges(triangles, neighbours, start, stop, points, edges, normals):
-    """Write the hull edges between faces that are not coplanar, and normals, and return the number of edges.
+    """Write the hull edges between faces that are not coplanar, and normals, and return the edge count.
 
     ``edges (e, 4)``: both ends, and the faces on both sides, counted from ``start``. ``normals``: the unit
     face normals and, below them, for each edge the cross product of the second and the first normal.

@@ -71,7 +71,7 @@ def _above(sides, s, end, plane):
 
 @helper
 def _cut(sides, ends, faces, plane, target, stops):
-    """Write the part of a convex polyhedron below a plane, and return its number of faces.
+    """Write the part of a convex polyhedron below a plane, and return its face count.
 
     Face f has the sides from ``ends[f]``, in any order, each from one end ``[:3]`` to the other ``[3:]``,
     counter-clockwise from outside. A face that is cut gets a side along the plane, the new face its reverse.
@@ -137,7 +137,7 @@ def _volume(sides, ends, faces):
 
 @kernel
 def solid_kernel_volumes(points, first, offsets, faces, face_cells, starts, triangles):
-    """Return the kernel volume of each cell: the part of space below all its triangle planes.
+    """Return the kernel volume per cell: the part of space below all its triangle planes.
 
     A point strictly below all planes sees each triangle from inside, so all solid angles have one sign. Their
     sum is 4π for an inside point and 0 elsewhere: the point is inside, and every ray from it leaves the cell
