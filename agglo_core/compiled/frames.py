@@ -100,7 +100,7 @@ def compactness(n):
     """Return the weight of inertia relative to the cut in the bisection cost of n cells.
 
     A longer cut affects two parts, unequal sides affect all parts that result from them. Their weight
-    therefore increases with the number of cells, but only like √n, so that necks are still found.
+    therefore increases with the cell count, but only like √n, so that necks are still found.
     """
     return max(_COMPACT, _GROWTH * np.sqrt(n))
 

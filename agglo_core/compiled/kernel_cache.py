@@ -236,7 +236,7 @@ def _place_in_package(source: Path) -> str:
 
 @cache
 def _imported_files(source: Path) -> frozenset[Path]:
-    """Return the files of the core and of the package of ``source`` that ``source`` imports from."""
+    """Return the files of the core and the package of ``source`` that ``source`` imports from."""
     top = _package_of(source)
     files: set[Path] = set()
     for module, names in _import_statements(source):

@@ -61,7 +61,7 @@ class _HelperLibrary(JITCodeLibrary):
     """Intermediate code of one helper, optimised and translated only as part of kernels.
 
     Numba optimises each called function by itself and turns it into machine code that nothing here runs,
-    and optimises it again in the caller: a third of the time of compiling a kernel
+    and optimises it again in the caller: a third of the time to compile a kernel
     (benchmarks/first_run.py).
     """
 

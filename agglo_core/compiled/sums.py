@@ -45,7 +45,7 @@ def chosen_sum(values, indices, start, stop):
 
 @kernel
 def slice_sums(values, indices, offsets):
-    """Return the sum of ``values[indices]`` over each of the non-empty slices ``offsets (k + 1,)``."""
+    """Return the sum of ``values[indices]`` over each non-empty slice from ``offsets (k + 1,)``."""
     sums = np.empty(len(offsets) - 1)
     for s in range(len(sums)):
         sums[s] = chosen_sum(values, indices, offsets[s], offsets[s + 1])
