@@ -20,11 +20,11 @@ class CoordinateBisection:
     """
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Return the side of each cell ``(n,)``, independent of ``seeds``."""
+        """Return the side per cell ``(n,)``, independent of ``seeds``."""
         return self.bisect_shares(level, seeds, None)
 
     def bisect_shares(self, level: Graph, seeds: UInt64, shares: Float | None) -> Int:
-        """Return the side of each cell ``(n,)``, where side 0 has the mass fraction ``shares (B,)``."""
+        """Return the side per cell ``(n,)``, where side 0 has the mass fraction ``shares (B,)``."""
         extents = block_extents(level, level.centroids)
         longest = np.argmax(extents >= (1 - TIE) * extents.max(axis=1, keepdims=True), axis=1)
         axes = (longest[:, None] + np.arange(level.dim)) % level.dim
@@ -56,7 +56,7 @@ class InertialBisection:
     """
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Return the side of each cell ``(n,)``, independent of ``seeds``."""
+        """Return the side per cell ``(n,)``, independent of ``seeds``."""
         from agglo_core.split.ordered_frames import frames_of_blocks
 
         coordinates = frames_of_blocks(level.offsets, level.centroids, level.weights)[1]

@@ -108,7 +108,7 @@ def tag_sides(graph, pieces, lo, hi, heights, bar, unit, extent, candidates, sid
 
     Neither side is empty. Writes measures and cell counts of both ``sides``, and as ``candidates`` the cells
     that may be adjacent to the cut: cells no farther from the cut than from their farthest neighbour, if
-    ``unit`` times heights are lengths. Returns the number of candidates.
+    ``unit`` times heights are lengths. Returns the candidate count.
     """
     # 1. Tag each cell, sum both sides, and list the candidates without branches.
     cells, tag, reach, length = pieces.cells, pieces.tag, graph.reach, graph.units.length
@@ -193,7 +193,7 @@ def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists,
         Loads the piece ``cells[lo:hi]``; returns its extent along some axis (a lower bound).
     cut : helper ``(graph, pieces, lo, hi, extent, work, candidates, sides) -> int``
         The bisection model M: tags the cells of the loaded piece, and writes the ``sides``, and as
-        ``candidates`` the cells that may be adjacent to the cut. Returns the number of candidates.
+        ``candidates`` the cells that may be adjacent to the cut. Returns the candidate count.
         :func:`tag_sides` does everything except the normal. The helper may write to the second column of the
         marks.
     shift : helper ``(graph, pieces, lo, hi, extent, share, edge, work, candidates, sides) -> int``

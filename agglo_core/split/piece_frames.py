@@ -1,4 +1,4 @@
-"""Centred cell centroids of a piece of the mesh, and its principal axes."""
+"""Centred cell centroids of a mesh piece, and its principal axes."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 

@@ -213,7 +213,7 @@ def _offset(moment, measure, moments, measures):
 def tag_upper(graph, pieces, lo, hi, upper, score, bar, slack, candidates, sides):
     """Assign the cells to sides by the mask ``upper``, and list the cells that may lie along the cut.
 
-    Writes the ``sides`` and the ``candidates``, and returns the number of candidates. The normal is the axis
+    Writes the ``sides`` and the ``candidates``, and returns the candidate count. The normal is the axis
     of ``relax_interface``, the line to the centroid of the smaller side.
     """
     cells, tag, centroids, measures = pieces.cells, pieces.tag, graph.centroids, graph.measures

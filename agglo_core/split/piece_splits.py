@@ -60,7 +60,7 @@ class PieceGraph(NamedTuple):
 
 
 class CellVertices(NamedTuple):
-    """Vertices of each cell as a CSR, and their coordinates, for exact diameters."""
+    """Vertices per cell as a CSR, and their coordinates, for exact diameters."""
 
     offsets: Any
     vertices: Any

@@ -29,7 +29,7 @@ class Scores(NamedTuple):
 
 
 class SweepWork(NamedTuple):
-    """Workspace for the search of the best straight cut along several axes.
+    """Workspace to search for the best straight cut along several axes.
 
     ``turns`` and ``finer`` are the cosines and sines of the axes in 2-D, ``frame (3, 3)`` is the piece's
     frame in 3-D.
@@ -44,7 +44,7 @@ class SweepWork(NamedTuple):
 
 @helper
 def most_edges(lists, cells, indptr):
-    """Return an upper bound on the number of edges inside any piece."""
+    """Return an upper bound on the edge count inside any piece."""
     todo, most = lists.todo, np.int64(0)
     for k in range(lists.counts[0]):
         ends = np.int64(0)
@@ -63,7 +63,7 @@ def new_scores(m, edges):
 
 @helper
 def edges_of_piece(graph, pieces, lo, hi, edges):
-    """List each edge inside a piece once, with its cells numbered locally, and return the number of edges.
+    """List each edge inside a piece once, with its cells numbered locally, and return the edge count.
 
     All cells get the tag of the left side, and their local numbers in the second column of the marks.
     """

@@ -43,7 +43,7 @@ class SweepBisection:
         self.axes = axes
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Return the side ``(n,)`` of each node, independent of ``seeds``."""
+        """Return the side ``(n,)`` per node, independent of ``seeds``."""
         from agglo_core.compiled.thresholds import sweep_axes
 
         if level.dim == 3:
