@@ -46,8 +46,8 @@ class Shift(NamedTuple):
 class Paths(NamedTuple):
     """Workspace for the search of paths along which cells are passed from part to part.
 
-    ``queue (k,)`` holds the parts in the order of the search, later those of a path; ``came (k,)`` is the
-    predecessor of each part, ``seen (k + 1,)`` the number of the search that reached it. Rows of ``moves``
+    ``queue (k,)`` holds the parts in search order, later those of a path; ``came (k,)`` is the
+    predecessor per part, ``seen (k + 1,)`` the number of the search that reached it. Rows of ``moves``
     are the moved cell and its old part. Rows of ``barred`` are their number, then pairs of parts.
     """
 
@@ -128,7 +128,7 @@ def _can_spare(indptr, indices, labels, i, rings, stamp):
 def _shift(graph, weights, parts, home, target, amount, n_moves, paths, stamp):
     """Move cells of total size about ``amount`` from ``home`` to ``target``, closest to the target first.
 
-    Moves are recorded in rows of ``paths.moves`` from ``n_moves`` on, up to the number of rows.
+    Moves are recorded in rows of ``paths.moves`` from ``n_moves`` on, up to the row count.
     Returns the end row, the moved size and the last stamp.
     """
     indptr, indices, centroids = graph
@@ -297,7 +297,7 @@ def even_out(indptr, indices, centroids, weights, labels, block, mean, tolerance
     labels : (n,) int
         Connected parts. They stay connected and non-empty.
     block : (k,) int
-        Block of each part. Cells do not move between blocks.
+        Block per part. Cells do not move between blocks.
     mean, tolerance : (B,) float
         Mean part size in each block, and the largest allowed deviation.
     """

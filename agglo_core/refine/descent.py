@@ -134,7 +134,7 @@ class DescentRefiner:
 
 
 def _floors(graph: Graph, parts: Int, block: Int) -> Float:
-    """Return the smallest allowed measure of each part ``(k,)``."""
+    """Return the smallest allowed measure per part ``(k,)``."""
     measures = part_sums(parts, graph.measures)
     smallest = np.full(graph.n_blocks, np.inf)
     np.minimum.at(smallest, block, measures)

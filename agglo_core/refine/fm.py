@@ -31,7 +31,7 @@ class FMRefiner:
     Parameters
     ----------
     objective : "interface" or "cut"
-        Length (area) of the interfaces, or number of cut edges.
+        Interface length (area), or number of cut edges.
     size : "cells", "measure" or "weights", optional
         Quantity to keep balanced, see ``balance``. Default: the quantity that the run balances, else cells.
     tolerance : float

@@ -32,7 +32,7 @@ class ChosenObjective:
     sign : float
         −1 for metrics to maximise.
     of_parts : callable, optional
-        Value of each part ``(k,)`` for a graph and labels. None for metrics, which need a mesh.
+        Value per part ``(k,)`` for a graph and labels. None for metrics, which need a mesh.
     metric : object, optional
     title : str
         Name in error messages.

@@ -122,7 +122,7 @@ def search_all(indptr, indices, lengths, weights, labels, block, least, most, ro
     Parameters
     ----------
     lengths : (m,) float
-        Cost of each edge when cut.
+        Cost per edge when cut.
     weights : (n,) float
         Cell contributions to the part sizes.
     labels : (n,) int

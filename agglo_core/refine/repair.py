@@ -44,7 +44,7 @@ def keepers(part_of, sizes, places, n_parts):
 
 @helper(allocates=True)
 def absorb(indptr, indices, interface, start_parts, nodes, component_offsets, loose, keeper, places):
-    """Join the ``loose`` components to adjacent parts, ring by ring, and return the part of each node.
+    """Join the ``loose`` components to adjacent parts, ring by ring, and return the part per node.
 
     ``start_parts`` is the part of the remaining nodes, and −1 elsewhere. ``loose`` lists components, whose
     nodes are ``nodes[component_offsets[c]:component_offsets[c + 1]]``. All components adjacent to nodes with

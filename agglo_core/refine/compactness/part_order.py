@@ -19,7 +19,7 @@ across an axis below this fraction of the moment along it.
 
 @helper(allocates=True)
 def _block_centres(block, count, tally):
-    """Return the centre ``(count, 3)`` and the mass (at least 1e-300) of each block."""
+    """Return the centre ``(count, 3)`` and the mass (at least 1e-300) per block."""
     mass, centres = np.zeros(count), np.zeros((count, 3))
     for p in range(len(block)):
         b, m = block[p], tally[p, MASS]

@@ -1,4 +1,4 @@
-"""Sweeps that polish a k-way partition: prepare the arrays, and distribute groups of parts to threads."""
+"""Sweeps that polish a k-way partition: prepare the arrays, and distribute part groups to threads."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class Cells(NamedTuple):
         Cell data. ``measures`` are ``graph.mass``, another quantity if the run distributes parts by that
         quantity.
     axes : (B, 3) float
-        Axis of each block, of any length: see ``part_places``.
+        Axis per block, of any length: see ``part_places``.
     """
 
     indptr: Any
@@ -62,11 +62,11 @@ class State(NamedTuple):
     Attributes
     ----------
     parts : (n,) int32
-        Part of each cell.
+        Part per cell.
     tally : (k, 8) float
         Part sums in the columns ``MASS``, ``CENTRE``, … of this module, updated with each move.
     blocks : (B, 2) float
-        Inertia J and interface L of each block at the start of the sweep. The objective is J · L^α.
+        Inertia J and interface L per block at the start of the sweep. The objective is J · L^α.
     due : (n,) int8
         Number of the sweep that visits the cell, or −1 for a cell that waits for a neighbour to move.
     marks : (n, 2) int32
@@ -95,7 +95,7 @@ class State(NamedTuple):
 
 
 class Slices(NamedTuple):
-    """Slices of a sweep: groups of parts in one block that exchange cells.
+    """Slices of a sweep: part groups in one block that exchange cells.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class Work(NamedTuple):
 
 @kernel
 def part_tally(labels, count, centroids, weights, measures, floor):
-    """Return the part of each cell ``(n,)`` as int32, and the sums of each part ``(k, 8)``.
+    """Return the part per cell ``(n,)`` as int32, and the sums per part ``(k, 8)``.
 
     The constants of this module name the columns. In 2-D the third coordinate of a centre is 0. The smallest
     allowed measure is ``floor`` times the measure at entry.
@@ -160,7 +160,7 @@ def part_tally(labels, count, centroids, weights, measures, floor):
 
 @kernel
 def interface_cells(cells, parts, tally, block, count):
-    """Return inertia and interface of each block ``(count, 2)``, and the cells to visit in the first sweep.
+    """Return inertia and interface per block ``(count, 2)``, and the cells to visit in the first sweep.
 
     In ``due (n,)`` these cells have 0, other cells −1. The block of each part is ``block (k,)``. The inertia
     J is Σ w |x − c|² over the cells, with the centre c of their part. The interface L is the length between

@@ -72,7 +72,7 @@ def slices(starts: Int, shift: int, dim: int) -> Int:
 
 
 def _slices_of(counts: Int, dim: int) -> Int:
-    """Return the number of slices for blocks with ``counts`` parts."""
+    """Return the slice count for blocks with ``counts`` parts."""
     return frozen_int(np.clip(counts ** (1.0 / dim) / _WIDTH, 1.0, 16.0).astype(np.int64))
 
 

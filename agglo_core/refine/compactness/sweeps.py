@@ -44,7 +44,7 @@ def _square(cells, state, i, p):
 def _beside(cells, state, i, work):
     """List the other parts adjacent to cell i in ``queue``, and sum the interface with each in ``share``.
 
-    Returns the number of parts, and the interface with the cell's own part. Readers of ``share`` must clear
+    Returns the part count, and the interface with the cell's own part. Readers of ``share`` must clear
     it.
 
     The loop has no branch, because it would be mispredicted half the time. A part with interface 0 may be
@@ -205,7 +205,7 @@ def _read_ahead(cells, state, work, first, last):
 
 @kernel(allocates=False)
 def sweep_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, reach, corners):
-    """Visit the cells listed in the slices from ``start`` to ``stop`` once, and return the number of moves.
+    """Visit the cells listed in the slices from ``start`` to ``stop`` once, and return the move count.
 
     Moves lower J · L^α, inertia times interface to the power ``alpha``, linearised about the ``blocks`` at
     the start of the sweep. The changes in inertia and interface are added to the slice gains. Within a part,
