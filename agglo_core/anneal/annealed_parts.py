@@ -39,7 +39,7 @@ class Weights(NamedTuple):
 
 @dataclass(frozen=True)
 class Shapes:
-    """Diameter of each part ``(k,)``, and diameters of its inscribed and centred circle relative to it."""
+    """Diameter per part ``(k,)``, and diameters of its inscribed and centred circle relative to it."""
 
     widths: Float
     ratios: Float
@@ -102,7 +102,7 @@ class Annealing(OrderedBlock):
 
     @property
     def widths(self) -> Float:
-        """Diameter of each cell ``(n,)``."""
+        """Diameter per cell ``(n,)``."""
         spans: Float = self.cells.spans
         return spans
 
@@ -170,16 +170,16 @@ class Annealing(OrderedBlock):
         return frozen_int(parts.labels), self._circled(parts)
 
     def shapes(self, labels: Int) -> Shapes:
-        """Return the shapes of the parts, with true inscribed circles in 2-D."""
+        """Return the part shapes, with true inscribed circles in 2-D."""
         parts, _ = self._state(labels)
         return self._seen(parts) if self.edges is None else self._circled(parts)
 
     def seen(self, labels: Int) -> Shapes:
-        """Return the shapes of the parts, with estimated inscribed circles as in ``annealed``."""
+        """Return the part shapes, with estimated inscribed circles as in ``annealed``."""
         return self._seen(self._state(labels)[0])
 
     def _state(self, labels: Int) -> Any:
-        """Set up the arrays of the parts (sums, widths, cell lists), and the workspace."""
+        """Set up the part arrays (sums, widths, cell lists), and the workspace."""
         from agglo_core.anneal.widths import part_state
 
         return part_state(self.cells, labels, int(labels.max()) + 1)

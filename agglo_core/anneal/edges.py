@@ -60,7 +60,7 @@ def _outer_edges(i, m, ring, cells, pairs, lines, neighbours, n_shared):
     """Write the edges between consecutive corners of a cell that it shares with no other cell.
 
     ``pairs[:n_shared]`` contain the ends of its shared edges in the first two columns. The third column and
-    ``ring`` are workspace. Returns the number of edges written so far, and the total length of the new edges.
+    ``ring`` are workspace. Returns the edge count so far, and the total length of the new edges.
     """
     start, count = cells.offsets[i], cells.offsets[i + 1] - cells.offsets[i]
     # 1. Sort the corners by their angle about the centroid (insertion sort, as they are few).

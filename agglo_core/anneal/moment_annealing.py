@@ -104,7 +104,7 @@ def anneal(cells, parts, work, shares, start, stop, params, rounds, seed, stamp)
     """Draw cells at random from groups of parts, and move them to adjacent parts if admissible.
 
     The groups are the shares ``start`` to ``stop`` − 1. ``rounds (3, R)`` are temperatures, penalties, and
-    draws per cell. No part is emptied or disconnected. Returns the number of moves. Search marks are numbered
+    draws per cell. No part is emptied or disconnected. Returns the move count. Search marks are numbered
     from ``stamp``, with one number per draw of each cell over all rounds, and one more per round. The numbers
     must be unused in the workspace.
     """

@@ -88,7 +88,7 @@ class PartSearch:
     ) -> Int:
         """Partition a connected one-block graph into connected parts that meet the target.
 
-        Returns the labels ``(n,)``. With a size only single cells are wider, and the number of parts is free.
+        Returns the labels ``(n,)``. With a size only single cells are wider, and the part count is free.
         With a count the number of parts is exact. Without a better result the labels of ``rival`` are
         returned. For solvers the start parts also compete, if they meet the target.
 

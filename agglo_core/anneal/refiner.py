@@ -1,4 +1,4 @@
-"""Annealing refiner: move cells between parts at random, with a fixed number of parts."""
+"""Annealing refiner: move cells between parts at random, with a fixed part count."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ class AnnealRefiner:
     Parameters
     ----------
     moves : int
-        Number of draws per cell.
+        Draws per cell.
     objective : "solver" or "roundness"
         Small moments of inertia with short interfaces, or round parts with even widths.
     roundness, evenness : float
-        Weights of round shapes and of even widths in the objective ``roundness``. At equal weights widths
+        Weights of round shapes and even widths in the objective ``roundness``. At equal weights widths
         become even at the expense of the largest inscribed circles.
     seconds : float, optional
         Wall-clock time limit. After it the best labels so far are returned, which then differ between runs.

@@ -50,7 +50,7 @@ def round_parts(
 ) -> Int:
     """Partition a connected graph into round, even parts, or as ``rival`` does if that scores higher.
 
-    With a size the number of parts is free, and the target's count is ignored. With a count the number of
+    With a size the part count is free, and the target's count is ignored. With a count the number of
     parts is exact.
     """
     # 1. Set up the search. Parts with few and with many cells have different weights.
@@ -83,7 +83,7 @@ def _search_parts(
 
 
 def _search_sizes(search: Search, first: Int) -> Int:
-    """Search with several part sizes at a fixed number of parts, and return the best labels.
+    """Search with several part sizes at a fixed part count, and return the best labels.
 
     The next size is larger if parts were too wide, otherwise smaller, and at least the width of the widest
     cell. The search keeps the best size.

@@ -16,7 +16,7 @@ from agglo_core.progress import TimeLimit
 
 @dataclass(frozen=True)
 class Effort:
-    """Amount of work that a search may do: draws per cell, and numbers of trials.
+    """Work that a search may do: draws per cell, and trial counts.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class Effort:
         Number of parts dissolved one after the other, on meshes with up to 1,536 cells. On larger meshes,
         number of rounds that dissolve one in 24 parts at a time.
     sizes : int
-        Number of sizes tried for a given number of parts. Larger meshes try half as many.
+        Number of sizes tried for a given part count. Larger meshes try half as many.
     """
 
     moves: int
@@ -115,7 +115,7 @@ class Search:
 
     @property
     def sizes(self) -> int:
-        """Number of part sizes to try for a given number of parts."""
+        """Number of part sizes to try for a given part count."""
         few = self.tool.graph.n <= 2 * _MANY
         return self._effort.sizes if few else max(1, self._effort.sizes // 2)
 

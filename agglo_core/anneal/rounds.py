@@ -1,4 +1,4 @@
-"""Rounds of simulated annealing: decreasing temperatures, groups of parts for threads, a time limit."""
+"""Rounds of simulated annealing: decreasing temperatures, part groups for threads, a time limit."""
 
 from __future__ import annotations
 

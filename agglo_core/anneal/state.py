@@ -1,4 +1,4 @@
-"""Arrays of simulated annealing, and random moves of cells."""
+"""Arrays of simulated annealing, and random cell moves."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -19,7 +19,7 @@ MEASURE, SURFACE, DIAMETER, COUNT = 0, 1, 2, 3
 class Cells(NamedTuple):
     """Cell graph with geometry, vertices per cell, and cells per vertex.
 
-    ``surfaces (n,)`` are the total face measures of each cell, ``radii (n,)`` the largest vertex distances
+    ``surfaces (n,)`` are the total face measures per cell, ``radii (n,)`` the largest vertex distances
     from the centroid, and ``spans (n,)`` the diameters. Two CSRs contain the vertices of each cell
     (``offsets``, ``vertices``) and the cells at each vertex (``meeting_offsets``, ``meeting``).
     """
@@ -40,7 +40,7 @@ class Cells(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Part of each cell, and for each part its sums, its two farthest vertices and its cell list.
+    """Part per cell, and for each part its sums, its two farthest vertices and its cell list.
 
     ``tally (k, 4)`` has the columns named above, ``ends (k, 2)`` the two farthest vertices. The cells in a
     part form a linked list: ``first (k,)``, then ``after`` and ``before``, ``(n,)`` each, terminated by −1.
@@ -93,7 +93,7 @@ def may_leave(i, p, q, cells, parts, work, stamp):
 
 @helper
 def exchange(i, p, q, parts):
-    """Move cell i from the list of part p to the list of part q."""
+    """Move cell i from part p's list to part q's list."""
     if parts.before[i] >= 0:
         parts.after[parts.before[i]] = parts.after[i]
     else:
@@ -107,7 +107,7 @@ def exchange(i, p, q, parts):
 
 
 class Shares(NamedTuple):
-    """Groups of parts (shares): cells by share, offsets ``(S + 1,)``, and the share of each part ``(k,)``.
+    """Groups of parts (shares): cells by share, offsets ``(S + 1,)``, and the share per part ``(k,)``.
 
     The parts in a share trade cells only among themselves, so several threads may process the shares.
     """

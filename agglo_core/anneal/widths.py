@@ -1,4 +1,4 @@
-"""Diameters of parts while cells move, and the initial arrays of simulated annealing."""
+"""Part diameters while cells move, and the initial arrays of simulated annealing."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -139,7 +139,7 @@ def width_without_cell(p, cells, parts, work, stamp):
 
 @kernel
 def cell_surroundings(indptr, interface, boundary, centroids, offsets, vertices, points):
-    """Return face measure, radius and diameter of each cell, and the cells at each vertex (CSR).
+    """Return face measure, radius and diameter per cell, and the cells at each vertex (CSR).
 
     The radius is the largest vertex distance from the centroid. The CSR consists of its offsets, then the
     cells.
