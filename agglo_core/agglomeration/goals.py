@@ -1,4 +1,4 @@
-"""Goals of the levels (part sizes or counts), and the division of counts among components and sides."""
+"""Level goals (part sizes or counts), and the division of counts among components and sides."""
 
 from __future__ import annotations
 
@@ -81,11 +81,11 @@ def split_quotas(quotas: Float, measures: Float, cells: Int) -> Float:
     Parameters
     ----------
     quotas : (B,) float
-        Part count of each block. The quotas of the two sides add up to it.
+        Part count per block. The quotas of the two sides add up to it.
     measures : (2B,) float
-        Measure of each side.
+        Measure per side.
     cells : (2B,) int
-        Cell count of each side.
+        Cell count per side.
     """
     sizes, measure = cells.reshape(-1, 2), measures.reshape(-1, 2)
     measure = np.where(measure.sum(axis=1, keepdims=True) > 0, measure, sizes)
@@ -145,7 +145,7 @@ class SizeGoal:
     def assess(
         self, graph: Graph, order: Int, offsets: Int, above: Float | None = None
     ) -> tuple[Float, Mask]:
-        """Return the diameters of the pieces, and a mask of the pieces that meet the goal."""
+        """Return the piece diameters, and a mask of the pieces that meet the goal."""
         shape = graph.vertex_offsets, graph.vertices, graph.points
         diameter = compared_diameters(offsets, order, *shape, self._limits)
         return diameter, (diameter <= self.limit) | (np.diff(offsets) == 1)
@@ -157,7 +157,7 @@ class SizeGoal:
 
 @dataclass(frozen=True)
 class CountGoal:
-    """Goal of a level: a number of parts.
+    """Goal of a level: a part count.
 
     The state is the piece's quota: the number of parts to split it into. A piece with quota 1 is finished.
     Splits distribute the quota by mass. The initial pieces also get quotas by mass, unless their ``quotas``
@@ -172,7 +172,7 @@ class CountGoal:
 
     @property
     def limit(self) -> float:
-        """Largest admissible diameter of a part: infinity, because only the number of parts counts."""
+        """Largest admissible diameter of a part: infinity, because only the part count matters."""
         return np.inf
 
     @property
@@ -190,7 +190,7 @@ class CountGoal:
         return apportion(parts, measures, cells)
 
     def estimate(self, graph: Graph) -> int:
-        """Return the number of parts to request from a direct k-way partition."""
+        """Return the part count to request from a direct k-way partition."""
         return self.parts
 
     def assess(

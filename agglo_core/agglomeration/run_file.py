@@ -16,7 +16,7 @@ from agglo_core.registry.toml_files import read_toml
 
 
 def read_run_file(path: Path, *, allow_code: bool = False) -> dict[str, Any]:
-    """Read the keywords of a run, including its choices of components, from a TOML file.
+    """Read the keywords of a run, including its component choices, from a TOML file.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ def _renew_neighbours(c, lists, root, epochs, step, places, marks, stamp):
 
 @helper(allocates=True)
 def _boxes(vertex_offsets, vertices, points):
-    """Return the bounding box of each part: lowest and highest vertex coordinates."""
+    """Return the bounding box per part: lowest and highest vertex coordinates."""
     n, d = len(vertex_offsets) - 1, points.shape[1]
     low, high = np.full((n, d), np.inf), np.full((n, d), -np.inf)
     for c in range(n):

@@ -163,7 +163,7 @@ def _rows(offsets: Int, rows: Int) -> tuple[Int, Int]:
 
 
 def _take_pieces(order: Int, offsets: Int, pieces: Int) -> tuple[Int, Int]:
-    """Return the cells of these ``pieces``, one piece after the other, and the offsets of the pieces."""
+    """Return the cells of these ``pieces``, one piece after the other, and the piece offsets."""
     if len(pieces) == len(offsets) - 1:
         return order, offsets
     rows, sizes = _rows(offsets, pieces)

@@ -48,7 +48,7 @@ def raise_counts(
     Raises
     ------
     OptionError
-        If an exact number of parts is smaller.
+        If an exact part count is smaller.
     """
     bounds = [member for member in constraints if hasattr(member.tool, "fewest")]
     if not bounds or not any(isinstance(goal, CountGoal) for goal in goals):

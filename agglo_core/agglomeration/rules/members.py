@@ -106,7 +106,7 @@ class Rules(Keywords):
         return graph.with_loads(Loads(kind, mass, weights=loads if kind == "weights" else None))
 
     def mass(self, graph: Graph) -> Float:
-        """Return the mass of each cell ``(n,)`` by which part counts are divided."""
+        """Return the cell masses ``(n,)`` by which part counts are divided."""
         weights = self.cell_weights(graph)
         if self.balance == "weights" or (self.balance is None and weights is not None):
             return graph.weights if weights is None else weights

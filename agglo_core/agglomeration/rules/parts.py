@@ -111,7 +111,7 @@ def _join_pairs(
 
 
 def _numbers(pairs: Int, count: int) -> Int:
-    """Return the new index of each part ``(count,)``, without gaps, after joining the pairs."""
+    """Return the new index per part ``(count,)``, without gaps, after joining the pairs."""
     into = np.arange(count)
     into[pairs[:, 0]] = pairs[:, 1]
     return np.unique(into, return_inverse=True)[1]
@@ -138,7 +138,7 @@ class PartRules:
     members : sequence of Member
         Constraints with ``admissible`` or ``incomplete``.
     through : (n,) int
-        Node of each cell in the labelled graph.
+        Node per cell in the labelled graph.
     """
 
     graph: Graph
