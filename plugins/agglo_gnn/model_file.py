@@ -1,4 +1,4 @@
-"""Files with trained networks: safetensors arrays of parameters, and a descriptive header.
+"""Files with trained networks: safetensors parameter arrays, and a descriptive header.
 
 A header is a JSON object under the key ``agglo`` of the file's metadata. It has at least these keys:
 

@@ -16,7 +16,7 @@ _ROUNDINGS = ("threshold", "sweep")
 
 
 class PaperGNN:
-    """Bisect by the paper's graph neural network (§3), evaluated once per depth of the recursion.
+    """Bisect by the paper's graph neural network (§3), evaluated once per recursion depth.
 
     The network may put a whole piece, in particular a small piece, on one side. The declared fallback then
     splits the piece, and the run counts these cases. 2-D meshes only.
@@ -29,7 +29,7 @@ class PaperGNN:
         User-defined network ``module:Class`` (see :mod:`agglo_gnn.paper.custom`); requires ``weights``.
     rounding : str
         ``threshold``: return the probability of side 1, cut at 0.5 as in the paper; ``sweep``: return the
-        best threshold of the logits by :func:`agglo_core.graph.sweep.sweep`, never one-sided.
+        best logit threshold by :func:`agglo_core.graph.sweep.sweep`, never one-sided.
     precision : str
         ``double``, so that rounding errors have no influence, or ``single``, about three times faster.
 

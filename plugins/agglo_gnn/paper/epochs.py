@@ -18,7 +18,7 @@ from agglo_gnn.paper.network import Neighbours, expected_normalised_cut, inorm
 
 @dataclass(frozen=True)
 class Recipe:
-    """Settings of training data and optimiser, with the paper's values as defaults (§3.3).
+    """Settings for training data and optimiser, with the paper's values as defaults (§3.3).
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class Recipe:
         Fraction of training meshes reduced to a random piece; 0 in the paper.
     epochs, batch : int
     rate, decay : float
-        Learning rate and L² coefficient of Adam.
+        Adam's learning rate and L² coefficient.
     """
 
     seed: int = 0
@@ -105,7 +105,7 @@ class Training:
 
     @torch.no_grad()
     def measure(self, samples: Sequence[Sample]) -> tuple[float, float]:
-        """Return the mean loss over some graphs, and the fraction of them with all cells on one side."""
+        """Return the mean loss over some graphs, and the fraction with all cells on one side."""
         self.network.eval()
         total, one_sided = 0.0, 0
         for start in range(0, len(samples), 50):
@@ -157,7 +157,7 @@ class Training:
         self.done = done
 
     def _moments(self) -> Iterator[dict[str, Tensor]]:
-        """Yield the state of the Adam optimiser for each parameter, zeros before the first step."""
+        """Yield the Adam optimiser's state for each parameter, zeros before the first step."""
         for parameter in self.network.parameters():
             state: dict[str, Any] = self.optimiser.state.get(parameter, {})
             blank = torch.zeros_like(parameter)

@@ -22,7 +22,7 @@ _HIDDEN, _LAYERS = 64, 4  # width of the layers, and number of SAGE layers, as i
 
 
 def inorm(level: Graph) -> Float:
-    """Return the normalised inputs of the paper's network: measure and centroid of each cell ``(n, 3)``.
+    """Return the normalised inputs of the paper's network: measure and centroid per cell ``(n, 3)``.
 
     Each block is normalised by itself: the paper's INorm.
 
@@ -50,7 +50,7 @@ def inorm(level: Graph) -> Float:
 
 @dataclass(frozen=True)
 class Neighbours:
-    """Edges of several graphs evaluated as one batch, and the block of each node.
+    """Edges of several graphs evaluated as one batch, and each node's block.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Neighbours:
 
     @classmethod
     def of(cls, graphs: Sequence[Graph], device: str = "cpu") -> Neighbours:
-        """Join graphs into one batch without edges between them, keeping the blocks of each."""
+        """Join graphs into one batch without edges between them, keeping their blocks."""
         starts = np.cumsum([0, *(graph.n for graph in graphs)])
         edges = np.cumsum([0, *(len(graph.indices) for graph in graphs)])
         before = np.cumsum([0, *(graph.n_blocks for graph in graphs)])
@@ -80,16 +80,16 @@ class Neighbours:
         return cls(tensors[0], tensors[1], tensors[2], int(before[-1]))
 
     def sum(self, values: Tensor) -> Tensor:
-        """Return the sum of ``values (n, f)`` over the neighbours of each node."""
+        """Return the sum of ``values (n, f)`` over each node's neighbours."""
         summed: Tensor = _NeighbourSum.apply(values, self.indptr, self.indices)  # type: ignore[no-untyped-call]
         return summed
 
     def mean(self, values: Tensor) -> Tensor:
-        """Return the mean of ``values (n, f)`` over the neighbours of each node, 0 without neighbours."""
+        """Return the mean of ``values (n, f)`` over each node's neighbours, 0 without neighbours."""
         return self.sum(values) / self.degrees(values.dtype).clamp(min=1.0)
 
     def degrees(self, dtype: torch.dtype) -> Tensor:
-        """Return the number of neighbours of each node ``(n, 1)``."""
+        """Return the neighbour count per node ``(n, 1)``."""
         return (self.indptr[1:] - self.indptr[:-1]).to(dtype)[:, None]
 
     def block_sums(self, values: Tensor) -> Tensor:

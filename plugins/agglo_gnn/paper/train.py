@@ -78,7 +78,7 @@ def _checkpoint(header: dict[str, Any]) -> dict[str, str]:
 def _resume(training: Training, checkpoint: Path, header: dict[str, Any]) -> None:
     """Resume a training from its checkpoint.
 
-    All options except the number of epochs must be unchanged.
+    All options except the epoch count must be unchanged.
     """
     arrays, saved = model_file.load(checkpoint, architecture=_checkpoint(header)["architecture"])
     options, saved_options = ({**each["recipe"], "seed": each["seed"]} for each in (header, saved))

@@ -43,7 +43,7 @@ def try_network(name: str, build: Callable[[], nn.Module]) -> None:
 
 @contextmanager
 def keep_torch_state() -> Iterator[None]:
-    """Restore the state of torch's random generators after a ``with`` block."""
+    """Restore torch's random state after a ``with`` block."""
     with torch.random.fork_rng():
         yield
 

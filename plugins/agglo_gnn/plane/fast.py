@@ -1,4 +1,4 @@
-"""The bisector ``gnn``: a small graph network on a raster of each block chooses the cut, without torch."""
+"""The bisector ``gnn``: a small graph network on each block's raster chooses the cut, without torch."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ class FastGNN:
         A model file written by ``agglo train --preset fast`` or ``fast3d``, or its arrays, for meshes with
         its dimension; by default the shipped models, for both dimensions.
     lookahead : int
-        If positive, this number of cuts is tried for each block by splitting both sides down to the target
+        If positive, this many cuts are tried for each block by splitting both sides down to the target
         size, and the cut with the fewest parts is chosen. Much slower. The target must then be a size, not
-        a number of parts; without a target, lookahead has no effect. 2-D only.
+        a part count; without a target, lookahead has no effect. 2-D only.
 
     Raises
     ------
@@ -88,7 +88,7 @@ class FastGNN:
         Raises
         ------
         OptionError
-            If lookahead is set, and the target is a number of parts.
+            If lookahead is set, and the target is a part count.
         """
         if not self.lookahead:
             return self
@@ -102,7 +102,7 @@ class FastGNN:
         return ahead
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Return the side of each node ``(n,)``, independent of the ``seeds``."""
+        """Return each node's side ``(n,)``, independent of the ``seeds``."""
         if self._h_star is not None:
             if level.dim != 2:
                 raise OptionError("gnn: lookahead works in 2-D only, given a 3-D mesh")
@@ -128,7 +128,7 @@ class FastGNN:
         return PieceGrowth.for_components(graph, pieces, partial(split, self.net(graph.dim)), refiners, fixer)
 
     def fast_sides(self, level: Graph) -> Int:
-        """Return the side of each node ``(n,)``, always without lookahead."""
+        """Return each node's side ``(n,)``, always without lookahead."""
         if level.dim == 2:
             from agglo_gnn.plane.kernels import bisect_fast as bisect
         else:

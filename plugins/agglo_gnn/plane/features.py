@@ -1,4 +1,4 @@
-"""Inputs of the 2-D network: a raster image of each block, and moments of the block."""
+"""Inputs of the 2-D network: a raster image and moments of each block."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Rasters:
     node_offsets : (B + 1,) int64
         Bins of each block.
     nodes : (N, 4) float; near : (N, 4) int32; areas : (N,) float
-        Bin features, bin neighbours numbered within the block (−1: none), fractions of the measure.
+        Bin features, bin neighbours numbered within the block (−1: none), measure fractions.
     blocks : (B, 13) float
         Block features.
     cells : (n, 2) float; shares : (n,) float

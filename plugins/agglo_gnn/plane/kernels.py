@@ -47,7 +47,7 @@ def _sage(count, near, features, own_weight, mean_weight, bias, result):
 
     It is ``ReLU(features · own_weight + mean over neighbours of features · mean_weight + bias)``.
 
-    ``near (count, 4)`` are the neighbours of each node, −1 for none; the number of inputs is divisible by 4.
+    ``near (count, 4)`` are each node's neighbours, −1 for none; the input count is divisible by 4.
     """
     inputs, outputs = own_weight.shape
     mean = np.empty(inputs)

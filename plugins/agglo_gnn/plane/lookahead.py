@@ -121,7 +121,7 @@ def _copies(graph: Graph, count: int) -> Graph:
 
 
 def _roll_out(trials: Graph, cuts: Int, run: Run, h_star: float) -> tuple[Int, Float]:
-    """Split both sides of each cut completely, and return the number of parts and the interface length.
+    """Split both sides of each cut completely, and return the part count and the interface length.
 
     The length is increased by a penalty for parts below the allowed size.
     """

@@ -36,7 +36,7 @@ def network(
     """Evaluate the network on a batch: coefficients (c₁, c₂) of each block's cut function ``(B, 2)``.
 
     SAGE 4 → 16 → 16 (ReLU, mean), pooling by area, MLP to 48, 48, 2. ``near`` numbers all bins in the
-    batch, −1 for none; ``owner (N,)`` is the block of each bin.
+    batch, −1 for none; ``owner (N,)`` is each bin's block.
     """
     import torch
 

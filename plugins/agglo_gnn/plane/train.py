@@ -31,9 +31,9 @@ def train_fast(
     Parameters
     ----------
     steps : int
-        Number of steps, with 64 pieces each.
+        Training steps, with 64 pieces each.
     pieces, validation : int
-        Number of pieces for training and for validation.
+        Piece counts for training and for validation.
     progress : callable, optional
         Called every 100 steps with the step, its loss and the CPU seconds so far.
 

@@ -35,7 +35,7 @@ def validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], coun
 
 
 def _scores(level: Graph, parameters: Mapping[str, Float]) -> Float:
-    """Return the cut function c₁ u + c₂ v of the torch network at every node."""
+    """Return the torch network's cut function c₁ u + c₂ v at every node."""
     import torch
 
     batch = batch_of(gather([level]), np.arange(level.n_blocks))

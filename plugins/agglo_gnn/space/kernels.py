@@ -107,7 +107,7 @@ def _project(n, axis, x, y, z, shares, score):
 
 @helper(reorder_sums=True)
 def _band_bins(n, score, low, rate, local, shares, bins):
-    """Write the bin of each coordinate, and return share and first moments of the cells below all bins.
+    """Write each coordinate's bin, and return share and first moments of the cells below all bins.
 
     Bins are −1 below the band and 32 above.
     """

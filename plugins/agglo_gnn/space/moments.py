@@ -28,7 +28,7 @@ def moment_room():
 
 @helper(reorder_sums=True)
 def _low_moments(n, x, y, z, w, M):
-    """Compute the moments of order 2 and 3: that of x^a y^b z^c is ``M[25 a + 5 b + c]``."""
+    """Compute the second and third moments: that of x^a y^b z^c is ``M[25 a + 5 b + c]``."""
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     xxx, xxy, xxz, xyy, xyz, xzz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     yyy, yyz, yzz, zzz = 0.0, 0.0, 0.0, 0.0
@@ -57,7 +57,7 @@ def _low_moments(n, x, y, z, w, M):
 
 @helper(reorder_sums=True)
 def _fourth_moments(n, x, y, z, w, M):
-    """Compute the moments of order 4: that of x^a y^b z^c is ``M[25 a + 5 b + c]``."""
+    """Compute the fourth moments: that of x^a y^b z^c is ``M[25 a + 5 b + c]``."""
     m400, m310, m301, m220, m211, m202, m130, m121 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     m112, m103, m040, m031, m022, m013, m004 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
@@ -185,7 +185,7 @@ def frame_by_moments(n, local, shares, inertia, workspace):
 def fill_features(n, t, i, j, k, even, odd):
     """Write the network inputs for axis i and its tilt towards axis j, where k is the third axis.
 
-    Moments and products of moments: ``even`` features do not change when an axis is reversed, ``odd``
+    Moments and moment products: ``even`` features do not change when an axis is reversed, ``odd``
     features change sign with i and with j. 3 / ∛n is the size in cells.
     """
     second, third, fourth = _SECOND, _THIRD, _FOURTH

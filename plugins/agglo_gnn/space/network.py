@@ -37,7 +37,7 @@ def initial_spatial(seed: int) -> dict[str, Float]:
 def spatial_network(
     parameters: Mapping[str, torch.Tensor], even: torch.Tensor, odd: torch.Tensor, frames: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return scores ``(B, 3)`` and tilted directions ``(B, 3, 3)`` of the principal axes of each piece.
+    """Return scores ``(B, 3)`` and tilted directions ``(B, 3, 3)`` of each piece's principal axes.
 
     ``even (B, 6, 16)``, ``odd (B, 6, 10)`` and ``frames (B, 3, 3)`` come from ``describe_solids``. One
     network serves every pair of axes, so that axis order and signs have no influence.

@@ -142,7 +142,7 @@ def _arrays_of(level: Graph) -> dict[str, Any]:
 
 
 def tensors_of(data: SpatialPieces, chosen: Int) -> dict[str, torch.Tensor]:
-    """Return the chosen pieces as one batch of tensors."""
+    """Return the chosen pieces as one tensor batch."""
     import torch
 
     cells, cell_owner, cell_first = rows_of(data.cell_offsets, chosen)

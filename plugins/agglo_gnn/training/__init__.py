@@ -1,1 +1,1 @@
-"""The command ``agglo train``, and code common to the trainings of all networks."""
+"""The command ``agglo train``, and code common to all network trainings."""

@@ -1,4 +1,4 @@
-"""Comparison of the cut costs of bisectors with those of 2-means clustering."""
+"""Comparison of bisector cut costs with those of 2-means clustering."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ Rival = Callable[[Graph, UInt64], Int]
 
 
 class CutCosts(NamedTuple):
-    """Cut costs of several bisectors and of 2-means on the same pieces, and the piece sizes."""
+    """Cut costs of several bisectors and 2-means on the same pieces, and the piece sizes."""
 
     of: dict[str, Float]
     base: Float
     sizes: Int
 
     def mean_ratios(self, large: int) -> dict[str, float]:
-        """Return the mean cost ratio to 2-means of each bisector, and the same for large pieces alone.
+        """Return each bisector's mean cost ratio to 2-means, and the same for large pieces alone.
 
         The keys of the latter end in ``_<large>``.
 
@@ -35,7 +35,7 @@ class CutCosts(NamedTuple):
 
 
 def measure_costs(levels: Iterable[Graph], rivals: Mapping[str, Rival]) -> CutCosts:
-    """Compute the cut cost of every block of some graphs for several bisectors and for 2-means."""
+    """Compute the cut cost of every block in some graphs for several bisectors and for 2-means."""
     two_means: Rival = default().build("bisector", "kmeans").bisect_level
     costs: dict[str, list[Float]] = {key: [] for key in rivals}
     base, sizes = list[Float](), list[Int]()
@@ -50,7 +50,7 @@ def measure_costs(levels: Iterable[Graph], rivals: Mapping[str, Rival]) -> CutCo
 
 
 def cut_costs(level: Graph, sides: Int) -> Float:
-    """Return the cost of each block's cut: scaled interface plus inertia of both sides.
+    """Return each block's cut cost: scaled interface plus inertia of both sides.
 
     It is cut · √A (1/A₁ + 1/A₂) + 15 (1 − B/T), in 3-D with ∛A.
     """

@@ -11,7 +11,7 @@ from agglo_core.authoring import Int
 
 
 def join_arrays(levels: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Concatenate the arrays of equal name of several graphs.
+    """Concatenate equally named arrays of several graphs.
 
     Arrays named ``*_offsets`` contain counts and become offsets.
 
@@ -29,7 +29,7 @@ def join_arrays(levels: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def rows_of(offsets: Int, chosen: Int) -> tuple[Int, Int, Int]:
-    """Return the row indices of the chosen pieces, the piece of each row, and the new offsets."""
+    """Return the row indices of the chosen pieces, each row's piece, and the new offsets."""
     sizes = np.diff(offsets)[chosen]
     first = np.cumsum(sizes) - sizes
     owner = np.repeat(np.arange(len(chosen)), sizes)

@@ -22,7 +22,7 @@ def reporter(title: Sequence[str], log: Path | None, quiet: bool, append: bool =
     Parameters
     ----------
     title : sequence of str
-        First lines of the log, the last with the column headings.
+        First log lines, the last with the column headings.
     log : Path, optional
     quiet : bool
         Show nothing.
