@@ -7,7 +7,7 @@ from agglo_core.authoring import Component, hookimpl
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Return the components of this plugin, the bisectors ``kmeans`` and ``kmeans_sklearn``."""
+    """Return this plugin's components, the bisectors ``kmeans`` and ``kmeans_sklearn``."""
     return [
         Component(
             kind="bisector",

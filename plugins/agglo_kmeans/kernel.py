@@ -69,7 +69,7 @@ def _cut(graph, pieces, lo, hi, extent, means, candidates, sides):
     """Bisect the piece in the workspace by 2-means: tag the side of each cell.
 
     This is the ``cut`` of ``split_pieces_by``. Writes normal, measures and counts of ``sides``, and the
-    ``candidates``; returns the number of candidates.
+    ``candidates``; returns the candidate count.
     """
     plane = separator(means, graph.centroids.shape[1] == 2)
     _, sides.normal[0], sides.normal[1], sides.normal[2], _ = plane
@@ -78,7 +78,7 @@ def _cut(graph, pieces, lo, hi, extent, means, candidates, sides):
 
 @kernel
 def two_means(offsets, centroids, weights):
-    """Return the side of each node by 2-means on its block, the best over several starting axes."""
+    """Return each node's side by 2-means on its block, the best over several starting axes."""
     n, largest = len(weights), np.int64(0)
     for b in range(len(offsets) - 1):
         largest = max(largest, offsets[b + 1] - offsets[b])

@@ -1,4 +1,4 @@
-"""Bisector ``kmeans``: deterministic 2-means in batches of blocks, and k-means for k-way partitions."""
+"""Bisector ``kmeans``: deterministic 2-means in block batches, and k-means for k-way partitions."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class KMeans:
     """Bisect by 2-means on the cell centroids, weighted by ``graph.weights`` (paper, §2.2).
 
     All blocks are split in one call. Lloyd's iteration starts from the halves on both sides of a principal
-    axis. If no axis stands out (ratio of principal moments above 0.8), eight rotated axes are tried and the
+    axis. If no axis stands out (principal moment ratio above 0.8), eight rotated axes are tried and the
     lowest energy is kept. In 3-D: three principal and four diagonal axes. The method is deterministic and
     uses no random numbers.
 
@@ -43,16 +43,16 @@ class KMeans:
         better is found, the bisections' result is returned. The result depends on the seed, and on
         the mesh orientation.
     objective : "solver" or "roundness"
-        Goal of annealing: small moments of inertia with short interfaces, good for solvers; or round parts
+        Annealing goal: small moments of inertia with short interfaces, good for solvers; or round parts
         with even width, and few parts for a given size.
     seconds : float, optional
         Wall-clock limit for annealing, per level and connected component: the best partition so far is
         returned, which then differs from run to run.
     balance : float, optional
-        With an effort and a number of parts: largest relative deviation of part sizes from their mean, if
-        more than a cell; with 0, numbers of cells differ by at most 1.
+        With an effort and a part count: largest relative deviation of part sizes from their mean, if
+        more than a cell; with 0, cell counts differ by at most 1.
     size : "cells", "measure" or "weights", optional
-        Balanced quantity. Default: the quantity of the run (its ``weights=`` or ``balance=``), otherwise
+        Balanced quantity. Default: the run's quantity (its ``weights=`` or ``balance=``), otherwise
         cells.
 
     Raises
@@ -81,7 +81,7 @@ class KMeans:
         return self.search is not None
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Bisect each block, and return the side, 0 or 1, of each node ``(n,)``.
+        """Bisect each block, and return each node's side ``(n,)``, 0 or 1.
 
         The ``seeds`` are ignored.
         """

@@ -109,7 +109,7 @@ def _first_moments(x, y, z, w, n):
 
 @helper
 def round_to_lanes(n):
-    """Round a number of points up to a multiple of the vector length ``LANES``."""
+    """Round a point count up to a multiple of the vector length ``LANES``."""
     return (n + LANES - 1) // LANES * LANES
 
 

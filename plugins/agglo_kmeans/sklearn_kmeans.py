@@ -35,7 +35,7 @@ class SklearnKMeans:
         self.n_init = n_init
 
     def bisect(self, graph: Graph, rng: np.random.Generator) -> Int:
-        """Bisect the graph, and return the side, 0 or 1, of each node ``(n,)``.
+        """Bisect the graph, and return each node's side ``(n,)``, 0 or 1.
 
         Both sides occur if there are at least two nodes.
         """
