@@ -5,7 +5,7 @@ from agglo_core.authoring import Component, hookimpl
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Return the component of this plugin, the bisector ``metis``."""
+    """Return this plugin's component, the bisector ``metis``."""
     return [
         Component(
             kind="bisector",

@@ -29,7 +29,7 @@ class Metis:
         parts may be disconnected). Bisections are always multilevel recursive bisections.
     vertex_weights, edge_weights : bool
         Balance the node weights (in a run by count the quantity of its ``balance``) instead of their
-        number; minimise the interface cut instead of the number of edges.
+        number; minimise the interface cut instead of the edge count.
     ufactor : int in 1..10^6, optional
         Allowed imbalance in thousandths. Default: 300 for k-way (parts become rounder at the cost of
         balance), METIS' own for bisections.
@@ -40,13 +40,13 @@ class Metis:
     effort : "fast", "good" or "best", optional
         Anneal the k-way partition, starting from METIS' parts; then a target size is possible, too.
     objective : "solver" or "roundness"
-        Goal of annealing, see ``kmeans``.
+        Annealing goal, see ``kmeans``.
     seconds : float, optional
         Time limit for annealing.
     balance : float, optional
         Largest relative deviation of annealed part sizes from their mean.
     size : "cells", "measure" or "weights", optional
-        Balanced quantity. Default: the quantity of the run (its ``weights=`` or ``balance=``), otherwise
+        Balanced quantity. Default: the run's quantity (its ``weights=`` or ``balance=``), otherwise
         cells.
 
     Raises
@@ -91,7 +91,7 @@ class Metis:
         return self.search is not None
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Bisect each block, and return the side, 0 or 1, of each node ``(n,)``.
+        """Bisect each block, and return each node's side ``(n,)``, 0 or 1.
 
         Both sides occur in every block with at least two nodes.
         """
@@ -145,7 +145,7 @@ class Metis:
         return _part(parts, graph.indptr, graph.indices.astype(np.int64), nodes, edges, options, recursive)
 
     def _options(self, recursive: bool) -> pymetis.Options:
-        """Return the options of a METIS call, except the seed.
+        """Return the options for a METIS call, except the seed.
 
         Creating them takes as long as bisecting a few dozen nodes.
         """
@@ -199,7 +199,7 @@ def _take_span(values: Int | None, span: slice) -> Int | None:
 
 
 def _integers(values: Float, offsets: Int) -> Int:
-    """Round values to integers: thousandths of the mean of their block, at least 1.
+    """Round values to integers: thousandths of their block's mean, at least 1.
 
     In a block of zeros all integers are equal.
     """
@@ -215,7 +215,7 @@ def _integers(values: Float, offsets: Int) -> Int:
 
 
 def _that_fit(nodes: Int, parts: int) -> Int | None:
-    """Limit node weights to the mean weight of a part.
+    """Limit node weights to the mean part weight.
 
     The result is None if parts have fewer than two nodes on average. A node with a limited weight forms a
     part alone. METIS prints complaints if weights leave a half without nodes.
