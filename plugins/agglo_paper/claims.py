@@ -174,7 +174,7 @@ def _speed_claim(plan: Plan, results: Results) -> Claim:
 
 
 def _speed_verdict(times: Mapping[str, float]) -> Iterator[str]:
-    """Yield sentences that compare the CPU times of all methods for one bisection."""
+    """Yield sentences that compare all methods' CPU times for one bisection."""
     network, gnn = times.get("GNN, forward"), times.get("gnn")
     raw, wrapped = times.get("METIS, raw"), times.get("METIS through networkx")
     faster = [name for name in times if network is not None and times[name] < network]

@@ -41,7 +41,7 @@ def _shown_strategies(plan: Plan) -> list[Strategy]:
 
 
 def draw_grids(plan: Plan, sources: Sequence[str], convention: str, path: Path) -> None:
-    """Draw each mesh in its own row: unchanged, then agglomerated by each of the shown methods."""
+    """Draw each mesh in its own row: unchanged, then agglomerated by each shown method."""
     # 1. Panel layout: a row per mesh, or two rows for a single mesh
     strategies = _shown_strategies(plan)
     n_columns = len(strategies) + 1 if len(sources) > 1 else (len(strategies) + 2) // 2
@@ -133,7 +133,7 @@ def draw_boxes(plan: Plan, results: Results, sources: Mapping[str, str], convent
 def _values(
     plan: Plan, results: Results, strategy: Strategy, source: str, convention: str, metric: str
 ) -> list[float]:
-    """Return the values of a metric for all agglomerates of the first repetition."""
+    """Return a metric's values for all agglomerates of the first repetition."""
     first = repeats(plan, strategy)[0]
     values: list[float] = results[unit(source, convention, strategy, first).key].get(metric, [])
     return values
@@ -157,7 +157,7 @@ def _boxes(axis: Any, values: Mapping[str, Sequence[float]]) -> None:
 
 
 def draw_runtime(plan: Plan, results: Results, path: Path) -> None:
-    """Plot CPU milliseconds over the number of cells, in log scales: one bisection, full recursion."""
+    """Plot CPU milliseconds over the cell count, in log scales: one bisection, full recursion."""
     curves_by_kind = {kind: curves(plan, results, kind) for kind in KINDS}
     names = dict.fromkeys(name for lines in curves_by_kind.values() for name in lines if "whole" not in name)
     styles = {name: (f"C{k % 10}", ("-", "--")[k // 10 % 2]) for k, name in enumerate(names)}
@@ -171,7 +171,7 @@ def draw_runtime(plan: Plan, results: Results, path: Path) -> None:
 
 
 def _curve(axis: Any, name: str, line: Sequence[tuple[int, Cell]], colour: str, style: str) -> None:
-    """Plot a method's median time over the number of cells, with a band from least to largest time."""
+    """Plot a method's median time over the cell count, with a band from least to largest time."""
     at = [cells for cells, _ in line]
     median, low, high = ([getattr(c, what) or np.nan for _, c in line] for what in ("ours", "low", "high"))
     axis.plot(at, median, label=name, linewidth=1.1, color=colour, linestyle=style)

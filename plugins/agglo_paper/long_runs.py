@@ -46,7 +46,7 @@ def without_notices() -> Iterator[None]:
 
 @contextmanager
 def progress() -> Iterator[Callable[[Sequence[Unit], str], Callable[[Unit, bool], None]]]:
-    """Context with a function that starts a progress bar on stderr for the computations of a page.
+    """Context with a function that starts a progress bar on stderr for a page's computations.
 
     The function takes units and page name, and returns a function to call after each unit.
     """

@@ -114,7 +114,7 @@ class Paired:
 
     @property
     def outcome(self) -> str:
-        """Result of the sign test at the level 0.01: ``better``, ``worse`` or ``no difference``."""
+        """Sign test result at the level 0.01: ``better``, ``worse`` or ``no difference``."""
         if self.p >= 0.01:
             return "no difference"
         return "better" if self.wins > self.losses else "worse"

@@ -45,18 +45,18 @@ def source_of(file: Path) -> str:
 
 
 def page_name(source: str) -> str:
-    """Return the name of the page for a mesh."""
+    """Return the page name for a mesh."""
     return "brain" if source == "brain" else Path(source.partition(":")[2].partition(":")[2]).stem
 
 
 def units(plan: Plan, source: str) -> Iterator[Unit]:
-    """Yield all computations for the page of a mesh."""
+    """Yield all computations for a mesh's page."""
     yield from shape_units(plan, [source], ["brain"])
     yield from authors_units(plan, source)
 
 
 def page(plan: Plan, results: Results, source: str) -> Page:
-    """Return the page of a mesh: table as in the paper, all bisectors, and the authors' files."""
+    """Return the page for a mesh: table as in the paper, all bisectors, and the authors' files."""
     name = page_name(source)
     tables = [
         _as_printed(plan, results, source, name),

@@ -1,4 +1,4 @@
-"""Data structures for the results: numbers of agglo and of the paper, rows with a verdict, tables, pages."""
+"""Data structures for the results: numbers of agglo and the paper, rows with a verdict, tables, pages."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ class Table:
     title : str
     rows : sequence of Row
     digits : int
-        Number of decimals, 0 for counts.
+        Decimal places, 0 for counts.
     corner : str
-        Heading of the first column.
+        First column heading.
     notes : sequence of str
     """
 

@@ -1,4 +1,4 @@
-"""Run times of one bisection and of a full recursion (paper, section 4.2)."""
+"""Run times of one bisection and a full recursion (paper, section 4.2)."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ def unit(plan: Plan, kind: str, cells: int) -> Unit:
 
 
 def units(plan: Plan) -> Iterator[Unit]:
-    """Yield all measurements of run times."""
+    """Yield all run time measurements."""
     for kind in KINDS:
         yield from (unit(plan, kind, cells) for cells in plan.cells)
 
 
 def curves(plan: Plan, results: Results, kind: str) -> Mapping[str, list[tuple[int, Cell]]]:
-    """Return each method's run times in milliseconds for all numbers of cells."""
+    """Return each method's run times in milliseconds for all cell counts."""
     lines: dict[str, list[tuple[int, Cell]]] = {}
     for cells in plan.cells:
         for name, taken in results[unit(plan, kind, cells).key].get("seconds", {}).items():

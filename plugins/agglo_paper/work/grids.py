@@ -48,7 +48,7 @@ def load(source: str, numbering: int = 0) -> Mesh:
 
 
 def targets(mesh: Mesh, source: str, convention: str) -> Targets:
-    """Return the targets of the agglomeration for a mesh: largest diameters and part counts.
+    """Return the agglomeration targets for a mesh: largest diameters and part counts.
 
     ``levels``: the three levels in the multigrid tables; ``run``: the middle level, √2/4 or N0/16 parts;
     ``text``: the middle level with 4 h0, as in the paper's text; ``brain``: 0.2 D or 50 parts.

@@ -1,4 +1,4 @@
-"""Measurements of agglomerate shapes and of multigrid iterations on one mesh."""
+"""Measurements of agglomerate shapes and multigrid iterations on one mesh."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def measure(
 
 
 def _iterations(hierarchy: Hierarchy, setting: Setting) -> tuple[int, bool]:
-    """Return the number of multigrid iterations, and True if the paper's stopping test was met.
+    """Return the multigrid iteration count, and True if the paper's stopping test was met.
 
     The paper tests only the residual; the solver continues until the energy error is as small.
     """

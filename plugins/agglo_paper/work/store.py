@@ -64,7 +64,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Store:
-    """A folder with one JSON file of results per computation, valid for unchanged code and versions."""
+    """A folder with one JSON result file per computation, valid for unchanged code and versions."""
 
     folder: Path
 

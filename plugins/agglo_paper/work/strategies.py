@@ -24,7 +24,7 @@ _BEST = {"vertex_weights": True, "edge_weights": True, "ufactor": 300, "contig":
 
 @dataclass(frozen=True)
 class Targets:
-    """Targets of an agglomeration on all levels: largest diameters, or part counts for METIS."""
+    """Agglomeration targets on all levels: largest diameters, or part counts for METIS."""
 
     sizes: tuple[float, ...]
     counts: tuple[int, ...]

@@ -19,7 +19,7 @@ _CELLS_PER_PART = 16
 
 
 def time_one(kind: str, cells: int, bisectors: Sequence[str], runs: int, seconds: float) -> dict[str, Any]:
-    """Return the CPU seconds of every method on one Voronoi mesh, and messages of failed methods.
+    """Return every method's CPU seconds on one Voronoi mesh, and messages of failed methods.
 
     Each method runs once untimed, then ``runs`` times, or as often as ``seconds`` allow: at least three
     times, or once if a single run takes longer.
