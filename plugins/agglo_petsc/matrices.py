@@ -45,7 +45,7 @@ def to_petsc(matrix: Any, width: int = 1) -> Any:
 
 
 def mat_from_rows(rows: Any, comm: Any, own_columns: int, widths: tuple[int, int] = (1, 1)) -> Any:
-    """Assemble a distributed PETSc matrix (``aij``) from the rows of each rank. Collective.
+    """Assemble a distributed PETSc matrix (``aij``) from each rank's rows. Collective.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def mat_from_rows(rows: Any, comm: Any, own_columns: int, widths: tuple[int, int
     own_columns : int
         Number of columns whose vector entries belong to this rank; the sum over all ranks is m.
     widths : pair of int
-        Block sizes of rows and columns.
+        Row and column block sizes.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def near_null_vectors(mat: Any) -> Float | None:
 def linear(
     mat: Any, rhs: Any, *, block_offsets: ArrayLike | None = None, near_null: ArrayLike | None = None
 ) -> Linear:
-    """Return the problem A x = b with a PETSc matrix and vector, for any solver of agglo.
+    """Return the problem A x = b with a PETSc matrix and vector, for any agglo solver.
 
     Works on one process only.
 
@@ -166,7 +166,7 @@ def linear(
         Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``; by default parts have the block
         size of the matrix.
     near_null : (n, k) float, optional
-        By default the near-null space of the matrix (``setNearNullSpace``), if any.
+        By default the matrix's near-null space (``setNearNullSpace``), if any.
 
     Raises
     ------

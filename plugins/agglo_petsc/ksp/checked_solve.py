@@ -1,4 +1,4 @@
-"""Solution by a PETSc ``KSP``, with checks of the true residual and the energy norm of the error."""
+"""Solution by a PETSc ``KSP``, with checks of the true residual and the error's energy norm."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class _Run:
 
     @property
     def done(self) -> int:
-        """Number of iterations."""
+        """Iteration count."""
         return len(self.residuals) - 1
 
     @property

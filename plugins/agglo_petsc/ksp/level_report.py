@@ -9,7 +9,7 @@ from agglo_petsc.ranks.patch_sweeps import PatchSweeps
 
 
 def level_matrices(ksp: Any) -> list[tuple[Any, Any]]:
-    """Return matrix and prolongation ``(A, P)`` of each level in scipy's format, finest first, on one rank.
+    """Return matrix and prolongation ``(A, P)`` per level in scipy's format, finest first, on one rank.
 
     P is None on the coarsest level.
     """

@@ -43,7 +43,7 @@ def setup(
     cycle: Cycle = "V",
     petsc_options: str | Mapping[str, Any] = "",
 ) -> None:
-    """Set up multigrid on agglo levels as the preconditioner of a given ``KSP``. Collective.
+    """Set up multigrid on agglo levels as the preconditioner for a given ``KSP``. Collective.
 
     The ``KSP`` itself is set up, too. Coarse matrices are Galerkin products, recomputed by PETSc when the
     matrix changes. All else in the ``KSP``, its type and tolerances, stays unchanged. Options in PETSc's

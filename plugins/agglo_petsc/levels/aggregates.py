@@ -42,7 +42,7 @@ class PetscLevels:
     prolongations : sequence of petsc4py.PETSc.Mat
         Rows of this rank, global columns. There is one more level than prolongations.
     widths : sequence of int or None
-        Number of unknowns per part on the finer level; None if parts differ.
+        Unknowns per part on the finer level; None if parts differ.
     patches : sequence of Patches or None
         Groups of fine parts to smooth together, by global numbers; each group is contributed by one rank.
     """
@@ -122,11 +122,11 @@ def aggregate_levels(
         without any, constants: one vector for each unknown of a part.
     block_offsets : (own parts + 1,) int, optional
         Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``, counted on this rank; by default
-        parts have the block size of the matrix.
+        parts have the matrix block size.
     patches : sequence of Patches, optional
         See :class:`PetscLevels`; one for each of ``aggregates``.
     owned : sequence of int, optional
-        Number of aggregates per level on this rank, wherever their parts are. By default an aggregate is on
+        Aggregate count per level on this rank, wherever their parts are. By default an aggregate is on
         the rank of all its parts.
     smooth : bool
         Whether a block Jacobi step smooths the prolongations.
@@ -255,7 +255,7 @@ def _near_null_or_constants(A: Any, n: int, offsets: Any) -> Any:
 def _number_aggregates(
     comm: Any, level: int, aggregates: ArrayLike, parts: int, owned: int | None
 ) -> tuple[Int, int]:
-    """Return the aggregate of each part, −1 for none, and the number of aggregates on this rank.
+    """Return each part's aggregate, −1 for none, and the aggregate count on this rank.
 
     Checked on all ranks.
     """

@@ -1,6 +1,6 @@
-"""Tentative prolongations on aggregates distributed over ranks, computed by the owner of each aggregate.
+"""Tentative prolongations on aggregates distributed over ranks, computed by each aggregate's owner.
 
-Near-null rows are sent to the owner of their aggregate, prolongation rows back.
+Near-null rows are sent to their aggregate's owner, prolongation rows back.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class OwnedBases:
     rows : (n_own, m) csr
         Rows of this rank, global columns.
     offsets : (owned aggregates + 1,) int
-        Coarse unknowns of each aggregate on this rank.
+        Coarse unknowns per aggregate on this rank.
     near_null : (owned columns, k) float
         The near-null vectors on the coarse level.
     """
@@ -41,9 +41,9 @@ def bases_where_owned(comm: Any, holder: Any, count: int, near_null: Float) -> O
     ----------
     comm : petsc4py.PETSc.Comm
     holder : (n_own,) int
-        Global aggregate of each unknown, −1 for none.
+        Global aggregate per unknown, −1 for none.
     count : int
-        Number of aggregates on this rank; numbers continue from rank to rank.
+        Aggregate count on this rank; numbers continue from rank to rank.
     near_null : (n_own, k) float
 
     Raises
@@ -80,7 +80,7 @@ def bases_where_owned(comm: Any, holder: Any, count: int, near_null: Float) -> O
 
 
 def _rows(answers: Any, sent_rows: Any, n: int, total: int) -> Any:
-    """Assemble prolongation rows, received from the owners of the aggregates, into a matrix."""
+    """Assemble prolongation rows, received from the aggregate owners, into a matrix."""
     places = [np.repeat(sent_rows[rank], counts) for rank, (counts, _, _) in answers.items()]
     rows, columns, data = (
         np.concatenate([np.empty(0, kind), *arrays])

@@ -1,6 +1,6 @@
 """One rank's share of a mesh and hierarchy known to all ranks: its rows, aggregates and patches.
 
-Cells are renumbered, rank by rank, by the agglomerates of the coarsest level, so that every agglomerate on
+Cells are renumbered, rank by rank, by the coarsest level's agglomerates, so that every agglomerate on
 every level is on one rank.
 """
 

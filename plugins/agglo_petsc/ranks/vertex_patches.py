@@ -25,7 +25,7 @@ def patches_across(mesh: distributed.DistributedMesh, numbers: Int, bounds: Int)
     ----------
     mesh : DistributedMesh
     numbers : (local.n_cells,) int
-        Global part number of each cell, including ghosts.
+        Global part number per cell, including ghosts.
     bounds : (ranks + 1,) int
         Rank r has the parts ``bounds[r]:bounds[r + 1]``, and contributes the patches with its parts as
         lowest.

@@ -35,7 +35,7 @@ from agglo_petsc.ranks.vertex_patches import patches_across
 
 @dataclass(frozen=True, eq=False)
 class AcrossRanks:
-    """Result of a solve on a distributed mesh: this rank's coefficients, and the history of the iteration.
+    """Result of a solve on a distributed mesh: this rank's coefficients, and the iteration history.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class AcrossRanks:
     unknowns : int
         Total number on all ranks.
     levels : int
-        Number of levels, including the mesh.
+        Level count, including the mesh.
     sizes : sequence of (int, int)
         Numbers of unknowns and stored entries per level, finest first.
     relative_residual : float
@@ -64,9 +64,9 @@ class AcrossRanks:
     memory : int
         Bytes of matrices, prolongations and smoothers on all ranks.
     seconds : mapping
-        Time of the slowest rank, by phase.
+        The slowest rank's time, by phase.
     choice : str
-        Description of the levels.
+        Level description.
     """
 
     x: Float
@@ -118,7 +118,7 @@ def solve_across(
     Parameters
     ----------
     problem : Diffusion
-        Data may be numbers, functions, or given by tag, but not arrays of cells.
+        Data may be numbers, functions, or given by tag, but not cell arrays.
     hierarchy : DistributedHierarchy
         A nested hierarchy of the mesh.
     degree : int

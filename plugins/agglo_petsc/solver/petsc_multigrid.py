@@ -80,7 +80,7 @@ class PetscMultigrid:
         Number of levels to use from mesh, level 0, 1, …; by default all. For a diffusion problem without
         levels, agglomerates with 8 cells each are made.
     penalty : float, "paper" or "sharp"
-        Jump penalty of PolyDG.
+        PolyDG jump penalty.
     ranks : "one" or "world"
         Whether this process solves alone, or all processes of the program together. In the latter case each
         process calls ``solve`` with equal problem and hierarchy, has the rows of some cells, and receives
@@ -141,9 +141,9 @@ class PetscMultigrid:
         self.petsc_options = _options(petsc_options)
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
-        """Solve a problem on the mesh of a hierarchy, with its levels as multigrid levels.
+        """Solve a problem on a hierarchy's mesh, with its levels as multigrid levels.
 
-        ``converged`` and ``reason`` of the solution state the outcome, ``choice`` describes the levels.
+        The solution's ``converged`` and ``reason`` state the outcome, ``choice`` describes the levels.
 
         Raises
         ------

@@ -68,7 +68,7 @@ class PosedSystem:
 def pose_system(
     problem: Problem, hierarchy: Hierarchy, how: Discretisation, degree: int, levels: int | None
 ) -> PosedSystem:
-    """Assemble the linear system of a problem on the mesh of a hierarchy, with data to build levels.
+    """Assemble the linear system of a problem on a hierarchy's mesh, with data to build levels.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def _pose_linear(problem: Linear, hierarchy: Hierarchy, levels: int | None) -> P
 
 
 def _select_levels(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
-    """Return the labels of the finest levels, for a requested number of levels including the mesh."""
+    """Return the labels of the finest levels, for a requested level count including the mesh."""
     if levels is not None and levels > len(hierarchy.levels) + 1:
         raise OptionError(f"levels = {levels}, but with the mesh there are {len(hierarchy.levels) + 1}")
     return list(hierarchy.levels)[: None if levels is None else levels - 1]

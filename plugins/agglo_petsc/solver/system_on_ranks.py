@@ -1,4 +1,4 @@
-"""Distribution of a linear system over the ranks of a communicator, and its multigrid levels."""
+"""Distribution of a linear system over a communicator's ranks, and its multigrid levels."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def on_ranks(system: PosedSystem, comm: Any, coarsening: Coarsening, smoother: S
 
 
 def _unknowns(offsets: Int, cells: Int) -> Int:
-    """Return the indices of the unknowns of some cells, cell by cell."""
+    """Return the indices of some cells' unknowns, cell by cell."""
     sizes = np.diff(offsets)[cells]
     first = np.concatenate(([0], np.cumsum(sizes)))
     return frozen_int(np.repeat(offsets[cells] - first[:-1], sizes) + np.arange(first[-1]))
@@ -98,7 +98,7 @@ def _width(offsets: Int) -> int | None:
 def _patches(
     system: PosedSystem, labels: list[Int], share: RowShare, smoother: Smoother
 ) -> list[Patches | None] | None:
-    """Return the vertex patches of each level, or None if the smoother uses none.
+    """Return the vertex patches per level, or None if the smoother uses none.
 
     In 3-D sweeps visit single parts, unless patches are requested: their matrices are large there.
     """
