@@ -5,7 +5,7 @@ from agglo_core.authoring import Component, hookimpl
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Return the components of this plugin: a discretisation, four solvers and a smoother."""
+    """Return this plugin's components: a discretisation, four solvers and a smoother."""
     return [
         Component(
             kind="discretisation",

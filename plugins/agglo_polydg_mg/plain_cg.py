@@ -25,7 +25,7 @@ class PlainCG(solvers.PlainCG):
         Jump penalty: the constant C, ``paper`` for C = 10, or ``sharp``, see
         :class:`~agglo_polydg_mg.polydg.PolyDG`.
     scaled_basis : bool
-        Scale the basis by the size of each cell's bounding box. The paper does not.
+        Scale the basis by each cell's bounding box size. The paper does not.
     """
 
     def __init__(

@@ -231,7 +231,7 @@ def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
 
 
 def _average_coefficient(kappa: Field, mesh: Mesh, labels: Int) -> Field:
-    """Average the coefficient over the cells of each agglomerate.
+    """Average the coefficient over each agglomerate's cells.
 
     A callable is evaluated at cell centroids.
     """

@@ -72,7 +72,7 @@ def _parallel_coefficients(fine: Basis, coarse: Basis, cells: Int, labels: Int) 
 def _rotated_coefficients(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
     """Expand coarse in fine basis functions, for rotated boxes: ``(n, fine.n_local, coarse.n_local)``.
 
-    The coefficients are computed by Gauss points in the boxes of the cells.
+    The coefficients are computed by Gauss points in the cell boxes.
     """
     nodes, weights = gauss(fine.degree + 1)
     u, v = (each.ravel() for each in np.meshgrid(nodes, nodes, indexing="ij"))

@@ -22,7 +22,7 @@ def _root(parents, i):
 
 @kernel
 def cluster_vertices(points, edges, limits):
-    """Cluster vertices along short edges, and return the cluster ``(n_points,)`` of each vertex.
+    """Cluster vertices along short edges, and return each vertex's cluster ``(n_points,)``.
 
     The ends of ``edges (q, 2)`` are joined in order, unless the bounding box of the joined cluster would
     have a diagonal longer than the ``limits (q,)`` for any of its edges. A chain of short edges becomes
@@ -83,11 +83,11 @@ def corners_of_cells(offsets, faces, face_vertices, face_cells, clusters):
 def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffness, order, weak, comparable):
     """Unite the corners of strongly coupled cells at a vertex into one unknown.
 
-    Returns the unknown ``(m,)`` of each corner, numbered by first cell, and their number.
+    Returns each corner's unknown ``(m,)``, numbered by first cell, and their number.
     ``coupling (F,)`` is the energy of a unit jump across a face, ``stiffness (n_cells,)`` the largest
     possible such energy in a cell; ``order (n_cells,)`` sorts the cells by decreasing stiffness.
 
-    At each of its corners a cell joins the unknowns of earlier cells across its faces, except across faces
+    At each corner a cell joins the unknowns of earlier cells across its faces, except across faces
     with ``coupling * weak < stiffness``. A single unknown is shared: the weaker cell follows the stronger
     cell. Several unknowns are united if ``comparable`` times the cell's own stiffness is at least the
     second largest stiffness of these unknowns. Otherwise a weak cell would couple groups that touch only at
@@ -206,7 +206,7 @@ def fit_traces(
 ):  # fmt: skip
     """Fit a polynomial q_u on each cell to the boundary trace of each unknown's basis function.
 
-    Returns the unknowns of each cell, as offsets ``(n_cells + 1,)`` and indices, and the coefficients ``(·,
+    Returns each cell's unknowns, as offsets ``(n_cells + 1,)`` and indices, and the coefficients ``(·,
     n)`` of each q_u. The fit minimises ∫ (q − trace)² ds over the cell boundary, after mapping the bounding
     box to a square, plus ``regularisation`` times the squares of total degree times coefficient, from
     degree 2 on.

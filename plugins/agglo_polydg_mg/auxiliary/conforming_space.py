@@ -62,7 +62,7 @@ class ConformingSpace:
     ends : (n_faces, 2, 2) int
         Unknowns at both ends of each face, for the cells on both sides; −1 for none.
     bubbles : (n_faces,) int
-        First bubble of each face, −1 if the face has none.
+        First bubble per face, −1 if the face has none.
     bubbles_of_a_face : int
     jumps : (n_faces,) float
         Energy of a unit jump across each face.
@@ -218,7 +218,7 @@ def directions(mesh: Mesh) -> Float:
 
 
 def bubble_signs(mesh: Mesh, bubbles: Int, extra: int, n: int) -> Float:
-    """Return signs ``(n,)`` that make the basis functions independent of the orientation of faces.
+    """Return signs ``(n,)`` that make the basis functions independent of face orientation.
 
     Odd bubbles change sign when the face direction is reversed.
     """
@@ -278,7 +278,7 @@ def _clusters(mesh: Mesh) -> tuple[Mask, Int]:
 
 
 def _bubbles(mesh: Mesh, starts: Int, short: Mask, first: int, n_per_face: int) -> tuple[Int, int]:
-    """Number the bubbles by first cell: first bubble of each face ``(F,)``, and total number of unknowns.
+    """Number the bubbles by first cell: first bubble per face ``(F,)``, and total number of unknowns.
 
     Faces without bubbles have −1.
     """

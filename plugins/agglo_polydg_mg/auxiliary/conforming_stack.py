@@ -82,10 +82,10 @@ def conforming_stack(
     kappa : (n_cells,) float
         Cell coefficient.
     labels : sequence of (n_cells,) int, optional
-        Agglomerates, finest first: a vertex belongs to the agglomerate of its first cell, and agglomerates
+        Agglomerates, finest first: a vertex belongs to its first cell's agglomerate, and agglomerates
         are split at weak vertex couplings. By default the matrix alone defines the aggregates.
     smoother : callable
-        Returns the smoother of the first level from matrix, block offsets and precision. By default
+        Returns the first level's smoother from matrix, block offsets and precision. By default
         symmetric block Gauss–Seidel on cells; see :func:`~agglo_polydg_mg.solver.choose.choose`.
     scale : (n_cells, n_local, n_local) float, optional
         Blocks that map cell coefficients to first-level unknowns, if these differ.
@@ -99,7 +99,7 @@ def conforming_stack(
         with bubbles by the :func:`~agglo_polydg_mg.auxiliary.nodal_traces.nodal_network` of vertices and
         face points.
     dtype : float32 or float64
-        Precision of the cycle; the set-up uses double precision.
+        Cycle precision; the set-up uses double precision.
     """
     # 1. Build the continuous space, with bubbles or with face points
     nodal_traces = layers and vertices == "classical" and bubbles and basis.degree > 1
@@ -166,7 +166,7 @@ def _sweeps_for(basis: Basis) -> Callable[[Any, Int, Any], multigrid.LevelSmooth
 
 
 def labels_of_unknowns(space: ConformingSpace, labels: Int) -> Int:
-    """Return the label ``(n,)`` of each unknown: the agglomerate of its first cell.
+    """Return each unknown's label ``(n,)``: its first cell's agglomerate.
 
     Vertex unknowns precede bubbles.
     """

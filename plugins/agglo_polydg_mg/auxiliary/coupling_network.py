@@ -37,7 +37,7 @@ def coupling_network(space: ConformingSpace, mesh: Mesh, kappa: Float) -> sparse
     ----------
     space : ConformingSpace
     mesh : Mesh
-        The mesh of the space, in 2-D.
+        The space's mesh, in 2-D.
     kappa : (n_cells,) float
         Cell coefficient.
     """
@@ -70,7 +70,7 @@ def network(edges: Sequence[Edges], ground: Any) -> sparse.csr_array:
 
 
 def _along_faces(space: ConformingSpace, mesh: Mesh, kappa: Float, side: int) -> Edges:
-    """Return network edges between the end unknowns of each face, for the cells on one side of faces."""
+    """Return network edges between each face's end unknowns, for the cells on one side of faces."""
     faces, weights = cotangents(mesh, kappa, side)
     first, second = space.ends[faces, side].T
     return first, second, weights
@@ -99,7 +99,7 @@ def across_faces(space: ConformingSpace, mesh: Mesh, end: int) -> Edges:
 
 
 def at_boundary(space: ConformingSpace, mesh: Mesh) -> Any:
-    """Return the boundary jump energy ``(n,)`` of each unknown."""
+    """Return each unknown's boundary jump energy ``(n,)``."""
     outer = np.flatnonzero(mesh.face_cells[:, 1] < 0)
     jumps = space.jumps[outer]
     ends = space.ends[outer, 0]

@@ -23,7 +23,7 @@ A larger value drops more entries and moves more weight to the diagonal (benchma
 
 @helper(allocates=True)
 def _holders(offsets, indices, size):
-    """List for each unknown the cells that have it, and its indices in the lists of these cells."""
+    """List for each unknown the cells that have it, and its indices in these cells' lists."""
     # Counting sort of the positions by unknown.
     starts = np.zeros(size + 1, np.int64)
     for k in indices:

@@ -1,6 +1,6 @@
-"""Build multigrid levels with a continuous space, smoothed by groups of cells instead of single cells.
+"""Build multigrid levels with a continuous space, smoothed by cell groups instead of single cells.
 
-The unknowns of each cell are scaled so that its diagonal block is the identity: otherwise single precision
+Each cell's unknowns are scaled so that its diagonal block is the identity: otherwise single precision
 would lose all digits in the blocks of flat cells.
 """
 
@@ -39,7 +39,7 @@ def grouped_stack(
     dtype: Any = np.float32,
     overlap: bool = False,
 ) -> multigrid.LevelStack:
-    """Build the levels of ``conforming_stack``, but smooth the first by groups of cells.
+    """Build the levels of ``conforming_stack``, but smooth the first by cell groups.
 
     Other parameters and the levels are documented in
     :func:`~agglo_polydg_mg.auxiliary.conforming_stack.conforming_stack`. By default groups are up to eight

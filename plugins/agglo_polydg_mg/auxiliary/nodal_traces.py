@@ -33,7 +33,7 @@ def on_nodes(space: ConformingSpace, mesh: Mesh) -> Mask:
 def nodal_basis(space: ConformingSpace, mesh: Mesh) -> sparse.csr_array:
     """Return the map T ``(n, n)`` from values at vertices and face points to the unknowns.
 
-    Face points take the bubble numbers of the face, from its first end to the second. Faces outside
+    Face points take the face's bubble numbers, from its first end to the second. Faces outside
     :func:`on_nodes` keep their bubbles.
     """
     # 1. Bubble coefficients from values at points
@@ -73,7 +73,7 @@ def nodal_network(space: ConformingSpace, mesh: Mesh, kappa: Float) -> sparse.cs
     ----------
     space : ConformingSpace
     mesh : Mesh
-        The mesh of the space, in 2-D.
+        The space's mesh, in 2-D.
     kappa : (n_cells,) float
         Cell coefficient.
     """
@@ -95,7 +95,7 @@ def _points(extra: int) -> Float:
 
 
 def _shares(extra: int) -> Float:
-    """Return half the distance between the neighbours of each inner point ``(extra,)``."""
+    """Return half the distance between each inner point's neighbours ``(extra,)``."""
     t = np.concatenate(([0.0], _points(extra), [1.0]))
     return frozen_float(0.5 * (t[2:] - t[:-2]))
 

@@ -1,8 +1,8 @@
 """Build multigrid levels by smoothed agglomeration: few iterations on any mesh.
 
 Each level is smoothed by vertex patches or, cheaper in 3-D, cell by cell. Prolongations are injections
-between polynomials on nested agglomerates, smoothed by a damped step of block Jacobi; coarse matrices are
-Galerkin products. The unknowns of each cell are scaled so that its diagonal block is the identity:
+between polynomials on nested agglomerates, smoothed by a damped block Jacobi step; coarse matrices are
+Galerkin products. Each cell's unknowns are scaled so that its diagonal block is the identity:
 otherwise single precision would lose all digits in the blocks of flat cells.
 """
 
@@ -47,7 +47,7 @@ def patch_stack(
         Agglomerate of each cell on the coarse levels, finest first, each nested in the next. About 8 cells
         per agglomerate, and 8 agglomerates per agglomerate of the next level, serve well.
     dtype : numpy dtype
-        Precision of the cycle: float32 takes half the memory, less time, and as few iterations.
+        Cycle precision: float32 takes half the memory, less time, and as few iterations.
     damping : float
         Damping of :func:`~agglo_core.multigrid.smoothed_prolongation`.
     overlap : bool
@@ -58,7 +58,7 @@ def patch_stack(
     Raises
     ------
     OptionError
-        If the labels of a level are not nested in the next.
+        If a level's labels are not nested in the next.
     LinAlgError
         If A is not positive definite.
     """

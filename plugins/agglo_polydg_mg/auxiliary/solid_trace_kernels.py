@@ -12,7 +12,7 @@ from agglo_polydg_mg.space.solid_kernels import in_box
 
 @helper
 def _place(unknown, indices, position, count):
-    """Return the index of an unknown in the list of a cell, or the length ``count`` if it is absent."""
+    """Return an unknown's index in a cell's list, or the length ``count`` if it is absent."""
     for i in range(count):
         if indices[position + i] == unknown:
             return i
@@ -32,7 +32,7 @@ def _polynomials(x, y, z, orders, table, lines, values):
 
 @helper
 def _corners(points, face_vertices, first, last, box, ring):
-    """Write the corners of a face in box coordinates to ``ring``, and their mean to the next row."""
+    """Write a face's corners in box coordinates to ``ring``, and their mean to the next row."""
     count = last - first
     ring[count] = 0.0
     for k in range(count):
@@ -57,13 +57,13 @@ def fit_solid_traces(
 ):  # fmt: skip
     """Fit a polynomial q_u on each cell to the surface trace of each unknown's basis function.
 
-    Returns the unknowns of each cell, as offsets ``(n_cells + 1,)`` and indices, and the coefficients ``(·,
+    Returns each cell's unknowns, as offsets ``(n_cells + 1,)`` and indices, and the coefficients ``(·,
     n)`` of each q_u. The fit minimises ∫ (q − trace)² ds over the cell surface, after mapping the bounding
     box to a cube, plus ``regularisation`` times the squares of total degree times coefficient, from degree
     2 on.
 
     A face is cut into triangles around the mean of its corners. The trace is linear on these triangles,
-    with the mean of the corner values at the centre; a triangular face stays uncut. Vertex
+    with the mean corner value at the centre; a triangular face stays uncut. Vertex
     ``face_vertices[k]`` has the unknown ``numbers[k]``, the edge from there to the next vertex of the face
     ``edges[k]``, if nonnegative: the bubble 4 λ_a λ_b, on triangles. ``rule (q, 2)`` and ``weights (q,)``
     are a rule on the triangle. ``max_rows`` bounds the row count, ``most`` the number of

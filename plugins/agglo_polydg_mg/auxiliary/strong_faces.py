@@ -57,7 +57,7 @@ def weak_part(mesh: Mesh, sigma: Float) -> float:
 
 
 def _strength(mesh: Mesh, sigma: Float) -> Float:
-    """Return the penalty of each inner face divided by the smallest penalty in its two cells."""
+    """Return each inner face's penalty divided by the smallest penalty in its two cells."""
     inner = mesh.face_cells[:, 1] >= 0
     offsets, faces = mesh.cell_faces
     positive = np.where(sigma > 0.0, sigma, np.inf)[faces]

@@ -27,7 +27,7 @@ def l2_projection(fine: Any, coarse: Any, mass: Any, width: int) -> sparse.bsr_a
     mass : sparse
         Mass matrix M of the mesh.
     width : int
-        Number of unknowns per cell.
+        Unknowns per cell.
     """
     weighted = sparse.bsr_array(fine.T @ mass, blocksize=(width, width))
     inverses = frozen_float(np.linalg.inv(diagonal_blocks(weighted @ fine, width)))

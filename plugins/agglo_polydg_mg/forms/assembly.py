@@ -162,7 +162,7 @@ def jump_penalty(
     inside: Float | None = None,
     units: UnitForms | None = None,
 ) -> Float:
-    """Return the jump penalty σ ``(n_faces,)`` of each face, 0 on ``natural`` (Neumann) faces.
+    """Return each face's jump penalty σ ``(n_faces,)``, 0 on ``natural`` (Neumann) faces.
 
     κ comes from :func:`positive`. If available, pass its :func:`face_coefficients` for degree + 2 as
     ``on_faces``, its :func:`stiffness` as ``inside``, and, if κ is constant in each cell, ``units``.
@@ -192,7 +192,7 @@ def _matrix(
     across, cells = basis.across, mesh.face_cells if mesh.dim == 2 else basis.sides.cells
 
     def add(start: int, stop: int) -> None:
-        """Add the face terms to the matrix rows of the cells in one strip of the mesh.
+        """Add the face terms to the matrix rows of the cells in one mesh strip.
 
         Only faces between two strips are visited twice.
         """

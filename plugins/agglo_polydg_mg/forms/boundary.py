@@ -166,7 +166,7 @@ def _traces(basis: Basis, rule: FaceRule) -> Float:
 
 
 def _sum_per_cell(basis: Basis, faces: Int, values: Float, tests: Float) -> Float:
-    """Sum values (t, q) times test functions (t, q, k) over the points and faces of each cell."""
+    """Sum values (t, q) times test functions (t, q, k) over each cell's points and faces."""
     load = np.zeros((basis.mesh.n_cells, basis.n_local))
     np.add.at(load, basis.mesh.face_cells[faces, 0], np.einsum("tq,tqk->tk", values, tests))
     return load

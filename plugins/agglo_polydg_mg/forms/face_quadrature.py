@@ -59,7 +59,7 @@ def face_rule(mesh: Mesh, faces: Int, n: int) -> FaceRule:
 
 
 def all_faces(mesh: Mesh) -> Int:
-    """Return the indices ``(n_faces,)`` of all faces."""
+    """Return all face indices ``(n_faces,)``."""
     return frozen_int(np.arange(mesh.n_faces))
 
 

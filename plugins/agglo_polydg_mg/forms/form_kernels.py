@@ -2,7 +2,7 @@
 
 A form is the lower half of a face matrix, row by row, followed by its trace. Upper bounds for largest
 eigenvalues are computed for ``LANES`` matrices at a time, so that their powers are computed side by side:
-the matrices alone are too small for fast loops. The requirement of each cell is then distributed among its
+the matrices alone are too small for fast loops. Each cell's requirement is then distributed among its
 faces.
 """
 
@@ -241,7 +241,7 @@ def balance(
 
 @helper
 def most_faces(offsets):
-    """Return the largest sum of the face counts of ``LANES`` successive cells."""
+    """Return the largest total face count of ``LANES`` successive cells."""
     n_cells, most = len(offsets) - 1, 0
     for begin in range(0, n_cells, LANES):
         most = max(most, offsets[min(begin + LANES, n_cells)] - offsets[begin])

@@ -1,4 +1,4 @@
-"""Norms of discrete functions and of their errors, including the jumps on faces."""
+"""Norms of discrete functions and their errors, including the jumps on faces."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def errors(
     gradient : callable of points ``(q, d)`` returning ``(q, d)``, optional
         Exact gradient; by default central differences over a ten-thousandth of the box.
     penalty : float, "paper" or "sharp"
-        Penalty of the discretisation, contained in the DG norm.
+        Discretisation penalty, contained in the DG norm.
     chosen : (n_cells,) bool, optional
         Cells to include, by default all; each cell contributes half of its inner faces.
 

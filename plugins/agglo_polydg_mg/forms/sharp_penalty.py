@@ -49,7 +49,7 @@ def sharp_penalty(
     on_faces : (n_faces, 2, 1) or (t, 2, q) float
         The coefficient on both face sides, at the Gauss points of the face pieces for a callable.
     blocks : (n_cells, n_local, n_local) float, or None
-        ∫ κ∇φ_i·∇φ_j of each cell; not needed if there are ``units``.
+        ∫ κ∇φ_i·∇φ_j per cell; not needed if there are ``units``.
     natural : (k,) int, optional
         Neumann faces: they have no penalty, and no requirement.
     units : UnitForms, optional
@@ -153,7 +153,7 @@ def _largest_per_face(rows: Float, mesh: Mesh) -> Float:
 
 
 def _least_kappa(mesh: Mesh, kappa: Field, degree: int) -> Float:
-    """Return the least κ of each cell ``(n_cells,)``, for a callable over the quadrature points."""
+    """Return the least κ per cell ``(n_cells,)``, for a callable over the quadrature points."""
     if not callable(kappa):
         return np.broadcast_to(np.asarray(kappa, float), (mesh.n_cells,))
     least = np.full(mesh.n_cells, np.inf)

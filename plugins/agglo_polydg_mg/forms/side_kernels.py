@@ -75,7 +75,7 @@ def _members(groups, count):
 
 @helper(allocates=True)
 def _sides_by_cells(cells, n):
-    """List the sides of each cell: offsets ``(n + 1,)`` and sides, by counting sort."""
+    """List each cell's sides: offsets ``(n + 1,)`` and sides, by counting sort."""
     ends = np.zeros(n + 1, np.int64)
     for s in range(len(cells)):
         for k in range(2):

@@ -1,4 +1,4 @@
-"""Kernel for the sharp penalty in 3-D: the trace inverse inequality of each cell on each of its sides."""
+"""Kernel for the sharp penalty in 3-D: the trace inverse inequality on each side of each cell."""
 
 from __future__ import annotations
 

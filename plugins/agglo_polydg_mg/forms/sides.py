@@ -1,4 +1,4 @@
-"""Sides of cells: the common boundary of two cells is one side, however many faces it has.
+"""Cell sides: the common boundary of two cells is one side, however many faces it has.
 
 An agglomerate has thousands of small faces, and some fifteen neighbours. In 3-D face integrals are summed
 per side before further processing, and a side has one penalty. In 2-D collinear edges between two cells are

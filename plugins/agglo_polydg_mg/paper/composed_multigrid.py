@@ -70,7 +70,7 @@ class ComposedMultigrid:
     penalty : float, "paper" or "sharp"
         See :class:`~agglo_polydg_mg.polydg.PolyDG`.
     scaled_basis : bool
-        Scale the basis by the size of each cell's bounding box.
+        Scale the basis by each cell's bounding box size.
     corrections : bool
         Pass the correction by the next level to smoothers that use it. Its matrices are inherited,
         Pᵀ A P from the mesh down, for any coarse operator.
@@ -133,7 +133,7 @@ class ComposedMultigrid:
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
         """Solve a problem on a hierarchy.
 
-        ``converged`` and ``reason`` of the solution state the outcome, ``choice`` names the parts.
+        The solution's ``converged`` and ``reason`` state the outcome, ``choice`` names the parts.
 
         Raises
         ------

@@ -32,7 +32,7 @@ from agglo_polydg_mg.space.basis import Basis
 
 @dataclass(frozen=True, eq=False)
 class LevelSpaces:
-    """System on the mesh, and spaces of the coarse levels, finest first.
+    """System on the mesh, and coarse level spaces, finest first.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ def level_spaces(problem: Problem, hierarchy: Hierarchy, labels: Sequence[Int], 
     Parameters
     ----------
     labels : sequence of (n_cells,) int
-        Labels of the coarse levels, finest first. For a diffusion problem coarse unknowns are
+        Coarse level labels, finest first. For a diffusion problem coarse unknowns are
         polynomials on the agglomerates, for a linear system constants, one per unknown of a cell.
 
     Raises

@@ -47,7 +47,7 @@ class PaperMultigrid(ComposedMultigrid):
         Jump penalty: the constant C, ``paper`` for C = 10, or ``sharp``, see
         :class:`~agglo_polydg_mg.polydg.PolyDG`.
     scaled_basis : bool
-        Scale the basis by the size of each cell's bounding box. The paper does not.
+        Scale the basis by each cell's bounding box size. The paper does not.
     operators : "rediscretised" or "inherited"
         Coarse matrices: discretised on the agglomerates as in the paper, or Pᵀ A P. A
         :class:`~agglo_core.problems.Linear` problem always inherits them.
@@ -115,7 +115,7 @@ class PaperMultigrid(ComposedMultigrid):
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
         """Solve a problem on a hierarchy by V-cycles.
 
-        ``converged`` and ``reason`` of the solution state the outcome; ``progress`` receives the
+        The solution's ``converged`` and ``reason`` state the outcome; ``progress`` receives the
         phases.
 
         Raises

@@ -54,7 +54,7 @@ def pcg_steps(A: Any, b: Float, x: Float, precondition: Solve, steps: int) -> Fl
 
 
 def block_jacobi(A: Any, width: int) -> Solve:
-    """Return an exact solver for the diagonal block of each cell in a matrix.
+    """Return an exact solver for each cell's diagonal block in a matrix.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def schwarz(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smooth:
     coarse : callable, optional
         Adds the correction by the next level.
     steps : int
-        Number of steps.
+        Step count.
 
     Notes
     -----

@@ -111,7 +111,7 @@ def stationary(
     to the energy norm of x. The second test takes an additional step, not counted if x passes. A matrix
     that proves not to be positive definite ends the iteration, with the reason. In this case, or on
     divergence, an iterate worse than 0 is replaced by the iterate with the smallest residual, and its
-    number is the length of the history.
+    number is the history length.
     """
     run = _Run(A, b, step, tolerance, measure or solvers.ResidualMeasure(b))
     while not run.reason and (run.small or run.done < max_iterations):
@@ -139,7 +139,7 @@ class _Run:
 
     @property
     def done(self) -> int:
-        """Number of iterations."""
+        """Iteration count."""
         return len(self.residuals) - 1
 
     def go_on(self, x: Float, r: Float) -> None:

@@ -39,7 +39,7 @@ _SINGLE: Final = (1e-33, 1e35)
 
 @dataclass(frozen=True)
 class Overrides:
-    """Choices of the user. The default ``"auto"`` leaves a choice to the solver."""
+    """The user's choices. The default ``"auto"`` leaves a choice to the solver."""
 
     recipe: str = "auto"
     cycle: str = "auto"
@@ -57,7 +57,7 @@ class Plan:
         patches or cell by cell.
     cycle : "V", "W", "F" or "K"
     dtype : numpy dtype
-        Precision of the cycle.
+        Cycle precision.
     smoother : "cells", "groups" or "patches"
         Smoother on the first level: block Gauss–Seidel on single cells, on groups of up to eight cells
         joined by strong faces, or on the cells around each vertex.

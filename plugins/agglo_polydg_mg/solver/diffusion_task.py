@@ -38,7 +38,7 @@ _LARGEST_SHIFT: Final = 1e-10
 
 
 class DiffusionTask:
-    """Diffusion problem discretised on the mesh of a hierarchy, with its multigrid levels.
+    """Diffusion problem discretised on a hierarchy's mesh, with its multigrid levels.
 
     ``units`` and ``numbering`` may come from an earlier problem. A ``plan`` describes existing levels;
     without it the plan is made on first use. All arrays follow the cell ``numbering``.
@@ -116,7 +116,7 @@ class DiffusionTask:
 
     @property
     def cycle(self) -> str:
-        """Type of the multigrid cycle: V, W, F or K."""
+        """Multigrid cycle type: V, W, F or K."""
         return self.plan.cycle
 
     @property
@@ -201,7 +201,7 @@ class DiffusionTask:
         return self.fine._replace(A=larger)
 
     def parts(self, stack: Any) -> tuple[int | None, ...]:
-        """Return the number of agglomerates on each level, None for levels with vertex unknowns."""
+        """Return the agglomerate count per level, None for levels with vertex unknowns."""
         below, cells = stack.levels[1:], self.hierarchy.graph.n
         if self.plan.recipe == "conforming":
             return cells, *(None for _ in below)

@@ -73,7 +73,7 @@ def levels_by_default(
 ) -> list[Int]:
     """Return the labels of the hierarchy's levels, finest first, or of default levels if it has none.
 
-    The levels of the hierarchy are used if there are any. Otherwise levels are made with ``first``
+    The hierarchy's levels are used if there are any. Otherwise levels are made with ``first``
     cells per part and, from level to level, an eighth of the parts. ``count`` limits the number of
     levels, the mesh included; default levels may be fewer.
 

@@ -49,7 +49,7 @@ class Numbering:
 
     @property
     def mesh(self) -> Mesh:
-        """Mesh of the hierarchy, in this numbering."""
+        """The hierarchy's mesh, in this numbering."""
         assert self.hierarchy.fine is not None  # numbering_for excludes bare graphs
         return self.hierarchy.fine
 

@@ -1,4 +1,4 @@
-"""Phases shared by single and repeated solves: set-up of the levels, iteration, solution."""
+"""Phases shared by single and repeated solves: level set-up, iteration, solution."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def task_for(
 def set_up(
     task: Task, watch: solvers.Stopwatch, progress: Listener | None, title: str = "setting up the levels"
 ) -> multigrid.LevelStack:
-    """Build the multigrid levels of a task, with timing and progress reports.
+    """Build a task's multigrid levels, with timing and progress reports.
 
     Raises
     ------

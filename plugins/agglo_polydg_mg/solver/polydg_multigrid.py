@@ -28,7 +28,7 @@ from agglo_polydg_mg.solver.repeated_solves import RepeatedSolves
 class PolyDGMultigrid:
     """Solve by conjugate gradients with one multigrid cycle as preconditioner.
 
-    Mesh and coefficient determine the recipe of the cycle. The solution counts as converged if both the
+    Mesh and coefficient determine the cycle recipe. The solution counts as converged if both the
     residual and an estimate of the energy error are at most ``tolerance``; see
     :func:`agglo_core.multigrid.pcg`.
 
@@ -47,7 +47,7 @@ class PolyDGMultigrid:
         ``agglomerates`` to use the agglomerates as aggregates even if each cell has one unknown.
     cycle : "auto", "V", "W", "F" or "K"
     precision : "auto", "single" or "double"
-        Precision of the cycle. If single precision does not suffice, the solver switches to double.
+        Cycle precision. If single precision does not suffice, the solver switches to double.
     penalty : float, "paper" or "sharp"
         See :class:`~agglo_polydg_mg.polydg.PolyDG`.
     levels : int, optional
@@ -97,7 +97,7 @@ class PolyDGMultigrid:
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
         """Solve a problem on a hierarchy.
 
-        ``converged`` and ``reason`` of the solution state the outcome, ``choice`` the recipe and its
+        The solution's ``converged`` and ``reason`` state the outcome, ``choice`` the recipe and its
         reason. A linear system may have blocks with any sizes, near-null vectors, and several
         right-hand sides ``b (n, k)``. With one unknown per cell the preconditioner is classical
         multigrid, otherwise smoothed aggregation with block Gauss–Seidel, on the agglomerates of the

@@ -67,7 +67,7 @@ class Basis:
 
     @property
     def n_local(self) -> int:
-        """Number of unknowns per cell: (p + 1)(p + 2) / 2, in 3-D times (p + 3) / 3."""
+        """Unknowns per cell: (p + 1)(p + 2) / 2, in 3-D times (p + 3) / 3."""
         return n_polynomials(self.degree, self.mesh.dim)
 
     @property
@@ -99,7 +99,7 @@ class Basis:
 
     @property
     def halves(self) -> Float:
-        """Half sides ``(n_cells, d)`` of the boxes."""
+        """Box half sides ``(n_cells, d)``."""
         return self.boxes[:, self.mesh.dim : 2 * self.mesh.dim]
 
     @cached_property
@@ -137,7 +137,7 @@ class Basis:
 
     @cached_property
     def walk(self) -> Walk | None:
-        """Loop order over cells in 3-D, or None for the order of cell indices."""
+        """Loop order over cells in 3-D, or None for index order."""
         return walk_through(self.mesh) if self.mesh.dim == 3 else None
 
     @cached_property
@@ -146,7 +146,7 @@ class Basis:
         return frozen_float(moments(self.mesh, self.boxes, max(self.degree, 2 * self.degree - 2), self.walk))
 
     def weighted_moments(self, field: Field, degree: int, name: str) -> Float:
-        """Integrate a field times the polynomials of each cell, up to a degree.
+        """Integrate a field times each cell's polynomials, up to a degree.
 
         See :func:`~agglo_polydg_mg.space.quadrature.weighted_moments`. Integrals for numbers and cell
         values are cached. The degree is at most that of the basis or a product of two gradients.
@@ -187,7 +187,7 @@ class Basis:
         return first
 
     def _inside(self, cells: Int, points: Float) -> Float:
-        """Map points to coordinates ``(d, q)`` in the boxes of their cells, −1..1 inside."""
+        """Map points to coordinates ``(d, q)`` in their cells' boxes, −1..1 inside."""
         if self.mesh.dim == 3:
             return np.asarray(((points - self.centres[cells]) / self.halves[cells]).T)
         box = self.boxes[cells]
@@ -223,7 +223,7 @@ class Basis:
 
     @cached_property
     def mass_blocks(self) -> Float:
-        """Mass matrix ∫ φ_i φ_j of each cell ``(n_cells, n_local, n_local)``."""
+        """Mass matrix ∫ φ_i φ_j per cell ``(n_cells, n_local, n_local)``."""
         integrals = moments(self.mesh, self.boxes, 2 * self.degree, self.walk)
         return frozen_float(
             products([integrals * self.scale[:, None] ** 2], self.degree, [(0,) * self.mesh.dim])
@@ -235,7 +235,7 @@ class Basis:
 
 
 def stiffness(basis: Basis, kappa: Field) -> Float:
-    """Return the stiffness matrix ∫ κ∇φ_i·∇φ_j of each cell ``(n_cells, n_local, n_local)``."""
+    """Return the stiffness matrix ∫ κ∇φ_i·∇φ_j per cell ``(n_cells, n_local, n_local)``."""
     integrals = basis.weighted_moments(kappa, 2 * basis.degree - 2, "kappa")
     integrals *= (basis.scale**2)[:, None]
     along = [integrals / half[:, None] ** 2 for half in basis.halves.T]

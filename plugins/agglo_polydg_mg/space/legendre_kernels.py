@@ -61,13 +61,13 @@ def slopes_of(values, degree, table, slopes):
 
 @helper
 def along_box(x, y, box):
-    """Return the components of a vector along the sides of a box."""
+    """Return a vector's components along the sides of a box."""
     return box[4] * x + box[5] * y, box[4] * y - box[5] * x
 
 
 @helper
 def _fit_box(points, first, last, faces, face_vertices, box):
-    """Fit the bounding box of a cell in the direction of ``box``: write its centre and half sides.
+    """Fit a cell's bounding box in the direction of ``box``: write its centre and half sides.
 
     The cell has the faces ``faces[first:last]``.
     """
@@ -84,7 +84,7 @@ def _fit_box(points, first, last, faces, face_vertices, box):
 
 @kernel
 def bounding_boxes(points, offsets, faces, face_vertices, areas, least):
-    """Return the bounding box ``(n, 6)`` of each cell, rotated for some thin cells.
+    """Return each cell's bounding box ``(n, 6)``, rotated for some thin cells.
 
     Sides are parallel to the axes unless the cell fills less than the fraction ``least`` of that box: then
     they follow the face with the smallest box, if it is less than half as large. On a diagonal sliver the
@@ -163,7 +163,7 @@ def boundary_moments(
 
 @kernel
 def point_moments(points, values, offsets, boxes, degree):
-    """Sum values times polynomials over the points of each cell: ``(n, m)``.
+    """Sum values times polynomials over each cell's points: ``(n, m)``.
 
     Cell c has the points ``offsets[c]:offsets[c + 1]``.
     """

@@ -178,7 +178,7 @@ def weighted_moments(mesh: Mesh, field: Field, boxes: Float, degree: int, name: 
 
 
 def _at_points(points: Float, values: Float, ends: Int, boxes: Float, degree: int) -> Float:
-    """Sum values times polynomials over the points of each cell: ``(n, m)``."""
+    """Sum values times polynomials over each cell's points: ``(n, m)``."""
     if points.shape[1] == 3:
         from agglo_polydg_mg.space.solid_kernels import solid_point_moments
 

@@ -121,7 +121,7 @@ def _in_boxes(mesh: Mesh, points: Float) -> tuple[Int, Int]:
 
 
 def _winding_numbers(mesh: Mesh, points: Float, cells: Int) -> Float:
-    """Return the winding number of the surface of each cell around a point ``(m,)``.
+    """Return the winding number of each cell's surface around a point ``(m,)``.
 
     It is 1 inside, 0 outside and 1/2 on faces: the sum of the triangles' solid angles (A. van Oosterom, J.
     Strackee, IEEE Trans. Biomed. Eng. 30, 1983).

@@ -90,7 +90,7 @@ def solid_moments(
 
 @kernel
 def solid_point_moments(points, values, offsets, boxes, orders):
-    """Sum values times polynomials over the points of each cell: ``(n, m)``.
+    """Sum values times polynomials over each cell's points: ``(n, m)``.
 
     Cell c has the points ``offsets[c]:offsets[c + 1]``.
     """

@@ -31,21 +31,21 @@ class Walk:
     ----------
     cells : (n_cells,) int
     turns : (n_cells + 1,) int
-        Position of each cell in the order; the last entry is −1, for the outside.
+        Each cell's position in the order; the last entry is −1, for the outside.
     """
 
     cells: Int
     turns: Int
 
     def rows(self, offsets: Int, items: Int) -> tuple[Int, Int]:
-        """Reorder the lists ``items[offsets[c]:offsets[c + 1]]`` of the cells c to the order of the walk."""
+        """Reorder the lists ``items[offsets[c]:offsets[c + 1]]`` of the cells c to walk order."""
         counts = np.diff(offsets)[self.cells]
         ends = np.concatenate(([0], np.cumsum(counts)))
         places = np.repeat(offsets[self.cells] - ends[:-1], counts) + np.arange(ends[-1])
         return frozen_int(ends), frozen_int(items[places])
 
     def back(self, values: Float) -> Float:
-        """Reorder values ``(n_cells, …)`` from the order of the walk to that of the cell indices."""
+        """Reorder values ``(n_cells, …)`` from walk order to cell index order."""
         found = np.empty_like(values)
         found[self.cells] = values
         return found
