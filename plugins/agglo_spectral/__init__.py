@@ -5,7 +5,7 @@ from agglo_core.authoring import Component, hookimpl
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Return the component of this plugin, the bisector ``spectral``."""
+    """Return this plugin's component, the bisector ``spectral``."""
     return [
         Component(
             kind="bisector",

@@ -1,4 +1,4 @@
-"""Lowest eigenpairs of the graph Laplacian of each block: dense in batches, iterative if it is large.
+"""Lowest eigenpairs of each block's graph Laplacian: dense in batches, iterative for large blocks.
 
 L x = λ M x with L = D − W, W the edge weights and M the diagonal of masses (fractions of the block, so that
 the modes are orthonormal in any units), solved as S z = λ z with S = M^{-1/2} L M^{-1/2}.
@@ -29,7 +29,7 @@ _WEAKEST = 1e-6  # relative to the mean edge weight in a block: lower bound for 
 
 
 def laplacian_modes(level: Graph, count: int, weighted: bool, dense_limit: int) -> tuple[Float, Float]:
-    """Return the ``count`` lowest nonconstant eigenpairs of the graph Laplacian of each block.
+    """Return the ``count`` lowest nonconstant eigenpairs of each block's graph Laplacian.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def laplacian_modes(level: Graph, count: int, weighted: bool, dense_limit: int) 
         Weigh edges by interface over centroid distance and nodes by their weight, so that the modes
         approximate those of −Δu = λu with Neumann conditions on any mesh; otherwise all weights are 1.
     dense_limit : int
-        Blocks up to this number of nodes are solved densely.
+        Blocks with at most this many nodes are solved densely.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def _batches(sizes: Int, dense_limit: int) -> Iterator[Int]:
 
 
 def _padded_sizes(sizes: Int) -> Int:
-    """Round the sizes of blocks up to sizes of dense matrices: 2, 3, 4, 6, 8, 12, 16, ….
+    """Round block sizes up to dense matrix sizes: 2, 3, 4, 6, 8, 12, 16, ….
 
     Other blocks have no influence.
     """

@@ -50,7 +50,7 @@ class Spectral:
     degeneracy : float
         Eigenvalues within this relative distance from the lowest span the trial modes.
     dense_limit : int
-        Blocks up to this number of nodes are solved densely, in batches.
+        Blocks with at most this many nodes are solved densely, in batches.
 
     Raises
     ------
@@ -78,7 +78,7 @@ class Spectral:
         self.degeneracy, self.dense_limit = degeneracy, dense_limit
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Bisect each block, and return the side, 0 or 1, of each node ``(n,)``.
+        """Bisect each block, and return each node's side ``(n,)``, 0 or 1.
 
         Both sides occur in every block with at least two nodes. ``seeds`` are ignored.
         """
@@ -183,7 +183,7 @@ def _align_basis(level: Graph, modes: Float, near: Flags, coordinates: Float) ->
     """Rotate the lowest modes to the orthonormal basis ``(n, d)`` closest to the linear functions.
 
     It is the orthogonal factor of the coordinate projections on the modes (Procrustes), independent of the
-    numbering and of the eigenvalue solver's basis.
+    numbering and the eigenvalue solver's basis.
     """
     modes = np.where(near[level.block_ids], modes, 0.0)
     masses = block_shares(level.weights, level.block_ids)[:, None, None]
