@@ -64,7 +64,7 @@ def for_target(tool: Any, target: Target) -> Any:
 
 
 def _sides(tool: Any, graph: Graph, seeds: UInt64, target: Target | None = None) -> Any:
-    """Return the side of each node, or the labels of a direct k-way partition.
+    """Return the side per node, or the labels of a direct k-way partition.
 
     A direct partition is requested if a target is given or if the component has no ``bisect`` method.
     """

@@ -25,7 +25,7 @@ _TARGETS: Sequence[Mapping[str, Any]] = ({"n_parts": (9, 4)}, {"h_factor": (2.0,
 
 
 def runs_with(subject: Subject) -> Iterator[tuple[str, Hierarchy]]:
-    """Agglomerate small meshes with the component, and yield a description and the hierarchy of each run.
+    """Agglomerate small meshes with the component, and yield each run's description and hierarchy.
 
     Exceptions of the run propagate.
     """
@@ -72,7 +72,7 @@ class _DepthByDepth:
     tool: Any
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Any:
-        """Return the side of each node ``(n,)``, computed by the wrapped bisector."""
+        """Return the side per node ``(n,)``, computed by the wrapped bisector."""
         if callable(getattr(self.tool, "bisect_level", None)):
             return self.tool.bisect_level(level, seeds)
         return bisect_by_block(self.tool, level, seeds)

@@ -32,7 +32,7 @@ class Subject:
     given : class or object, optional
         Class or object under test if there is no declaration.
     options : mapping
-        Options of the constructor.
+        Constructor options.
     declared : mapping
         Promises.
     registry : Registry, optional
@@ -114,7 +114,7 @@ class Subject:
 
     @property
     def lookup(self) -> Registry:
-        """Registry in which names of components are found."""
+        """Registry in which component names are found."""
         return default() if self.registry is None else self.registry
 
     @property
@@ -133,7 +133,7 @@ class Subject:
 
     @property
     def suffixes(self) -> Any:
-        """File suffixes of a format, as declared, or otherwise from its attribute ``suffixes``."""
+        """A format's file suffixes, as declared, or otherwise from its attribute ``suffixes``."""
         declared = self.record.component.suffixes if self.record and self.record.component else ()
         return declared or getattr(self.build(), "suffixes", ())
 

@@ -164,6 +164,6 @@ def stdout_of_process() -> Iterator[Callable[[], bytes]]:
 
 
 def _flush_c() -> None:
-    """Flush the output buffers of the C library."""
+    """Flush the C library's output buffers."""
     with suppress(OSError, AttributeError, TypeError):  # TypeError: the main program is no library
         ctypes.CDLL(None).fflush(None)

@@ -58,7 +58,7 @@ def format_names() -> list[tuple[str, str]]:
 
 
 def _suffixes(name: str) -> tuple[str, ...]:
-    """Return the suffixes of a built-in format."""
+    """Return a built-in format's suffixes."""
     component = own_components().record("format", name).component
     return component.suffixes if component is not None else ()
 

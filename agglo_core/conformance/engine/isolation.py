@@ -142,7 +142,7 @@ def _failed_result(name: str, message: str) -> Result:
 
 
 def main() -> None:
-    """Test the component described on stdin, and print the result of each law as a line of JSON.
+    """Test the component described on stdin, and print each law's result as a line of JSON.
 
     Other output goes to stderr. The parent starts its clock after the imports, and stops it while numba
     compiles or loads kernels.

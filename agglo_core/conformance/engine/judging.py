@@ -22,7 +22,7 @@ class Result:
     Attributes
     ----------
     law, sentence : str
-        Name and statement of the law.
+        Law name and statement.
     passed : bool
         True if the component obeys the law.
     message : str

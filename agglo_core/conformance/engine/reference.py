@@ -29,7 +29,7 @@ class TwoPointFlux:
     Parameters
     ----------
     tolerance : float
-        Tolerance of the residual relative to the right-hand side.
+        Residual tolerance relative to the right-hand side.
     most : int
         Maximum number of iterations.
     """

@@ -1,4 +1,4 @@
-"""Reference pages: a list of the laws, and the test results of the built-in components."""
+"""Reference pages: a list of the laws, and the built-in components' test results."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ is written by `python -m agglo_core.conformance compliance`.
 
 
 def laws_page() -> str:
-    """Return a Markdown page with the laws of each kind of component: name, promise and statement."""
+    """Return a Markdown page with the laws of each component kind: name, promise and statement."""
     text = [
         _LAWS_HEAD,
         f"{len(all_laws())} laws in total; laws for several kinds are listed under each of them.\n",

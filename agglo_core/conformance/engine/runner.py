@@ -31,12 +31,12 @@ def check(
         A name (``"mine"``, ``"bisector:mine"``, ``"plugin/mine"``), a declaration, a class, or an object;
         for ``kind="sample"`` also a function.
     kind : str, optional
-        Kind of the component, needed if the name is ambiguous.
+        Component kind, needed if the name is ambiguous.
     timeout : float, optional
         Maximum time per law in seconds. The laws then run in a child process, which is stopped at a
         timeout. Not available for objects.
     options : mapping, optional
-        Options of the component.
+        Component options.
     promises : mapping, optional
         Promises that replace the declared promises.
     registry : Registry, optional

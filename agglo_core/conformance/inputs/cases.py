@@ -1,4 +1,4 @@
-"""Standard test cases for each kind of component, on small meshes."""
+"""Standard test cases for each component kind, on small meshes."""
 
 from __future__ import annotations
 
@@ -192,8 +192,8 @@ def with_problem(case: Case, **changes: Any) -> Case:
 def labelled_case(kind: str, graph: Graph, name: str, labels: Int, told: str, seed: int = 0) -> Case:
     """Return a test case for a refiner or fixer, with the given part labels.
 
-    ``told`` selects the target: "count", "size" or "both". As in runs, the number of parts refers to the
-    whole mesh, and exceeds the number of parts here.
+    ``told`` selects the target: "count", "size" or "both". As in runs, the part count refers to the
+    whole mesh, and exceeds the part count here.
     """
     if kind == "fixer":
         return Case(name, (graph, labels))

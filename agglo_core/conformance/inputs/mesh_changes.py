@@ -20,7 +20,7 @@ class Change:
     turned, mirror : bool
         Apply the rotation or the reflection.
     away : float
-        Length of the shift, in diameters of the mesh.
+        Shift length, in mesh diameters.
     scale : float
         Scale factor.
     """
@@ -31,7 +31,7 @@ class Change:
     scale: float = 1.0
 
     def points(self, mesh: Mesh) -> Float:
-        """Return the transformed points ``(n_points, d)`` of a mesh."""
+        """Return a mesh's transformed points ``(n_points, d)``."""
         points, d = mesh.points, mesh.dim
         if self.mirror:
             points = points * np.array([-1.0, 1.0, 1.0][:d])
@@ -78,7 +78,7 @@ def reverse_faces(mesh: Mesh) -> Mesh:
 def renumber_mesh(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:
     """Renumber the cells, faces and points of a mesh at random.
 
-    Return the mesh and the old index of each cell.
+    Return the mesh and the old index per cell.
     """
     rng = np.random.default_rng(seed)
     # Map old to new cell indices; -1 marks the outside and stays.

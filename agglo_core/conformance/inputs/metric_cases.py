@@ -266,7 +266,7 @@ def solids() -> list[Case]:
 
 
 def transform_case(case: Case, change: Change | None) -> tuple[Case, Int]:
-    """Transform or renumber the mesh of a test case, and return also the old index of each cell.
+    """Transform or renumber the mesh of a test case, and return also the old index per cell.
 
     If ``change`` is None, cells, faces and points are renumbered, and about half of the inner faces are
     reversed.

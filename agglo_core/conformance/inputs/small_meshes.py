@@ -176,7 +176,7 @@ def level() -> Graph:
 def change_mesh(mesh: Mesh, change: str) -> tuple[Mesh, Int]:
     """Renumber, rotate, shift or scale a mesh, as named in :data:`CHANGES`.
 
-    Return the mesh and the old index of each cell.
+    Return the mesh and the old index per cell.
     """
     loops = mesh.boundary_loops
     cells: Sequence[Int] = np.split(loops.vertices, loops.loop_offsets[1:-1])

@@ -58,7 +58,7 @@ def matrix_of(A: Any) -> Any:
 
 
 def direct(solution: Solution) -> Float:
-    """Solve the linear system of a Solution by a direct method.
+    """Solve a Solution's linear system by a direct method.
 
     Returns ``(n,)``.
     """

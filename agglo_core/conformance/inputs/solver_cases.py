@@ -59,7 +59,7 @@ def on_levels(mesh: Mesh, *levels: Int) -> Hierarchy:
 
 
 def transform_hierarchy(hierarchy: Hierarchy, change: Change | None) -> tuple[Hierarchy, Int]:
-    """Transform or renumber the mesh of a hierarchy, and return also the old index of each cell.
+    """Transform or renumber the mesh of a hierarchy, and return also the old index per cell.
 
     If ``change`` is None, the mesh is renumbered.
     """

@@ -1,6 +1,6 @@
-"""Laws for each kind of component, sorted into modules.
+"""Laws for each component kind, sorted into modules.
 
-The registry record of each kind names the files with its laws.
+Each kind's registry record names the files with its laws.
 """
 
 from __future__ import annotations
@@ -26,5 +26,5 @@ def laws_of(kind: str) -> Sequence[Law]:
 
 
 def all_laws() -> Sequence[Law]:
-    """Return all laws, ordered by kind of component."""
+    """Return all laws, ordered by component kind."""
     return list(dict.fromkeys(law for kind in KINDS for law in laws_of(kind)))

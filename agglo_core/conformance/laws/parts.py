@@ -34,7 +34,7 @@ from agglo_core.graph.objectives import OBJECTIVES, Objective, numbered_parts
 
 
 def same_parts(graph: Graph, before: NDArray[Any], after: NDArray[Any]) -> bool:
-    """Return True if each block has the same set of labels before and after."""
+    """Return True if each block has the same label set before and after."""
     pairs = zip(chunks(graph, before), chunks(graph, after), strict=True)
     return all(set(had.tolist()) == set(has.tolist()) for had, has in pairs)
 
@@ -161,7 +161,7 @@ def in_more_pieces(kind: str, graph: Graph, before: Int, after: Int) -> list[tup
 
 
 def loose_parts(graph: Graph, labels: Int) -> dict[tuple[int, int], int]:
-    """Return the number of connected components of each part (block, label)."""
+    """Return the number of connected components per part (block, label)."""
     # Connected components of the graph without edges between parts.
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     inside = labels[rows] == labels[graph.indices]

@@ -1,7 +1,7 @@
 """Laws for diffusion solvers: known solutions, and properties of the equation.
 
 A solver may refuse boundary data with an AggloError. Values are compared if the meaning of the unknowns is
-known: from the discretisation of the solver, or because there is one unknown per cell.
+known: from the solver's discretisation, or because there is one unknown per cell.
 """
 
 from __future__ import annotations
