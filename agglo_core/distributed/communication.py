@@ -99,7 +99,7 @@ class Ranks:
         return f"Ranks(rank {self.rank} of {self.size})"
 
     def gathered(self, value: T) -> list[T]:
-        """Collect the values of all ranks, in rank order, on every rank (allgather)."""
+        """Collect all ranks' values, in rank order, on every rank (allgather)."""
         self._count(value, self.size - 1)
         self.meet()
         found: list[T] = self.comm.allgather(value)
@@ -125,7 +125,7 @@ class Ranks:
         return total
 
     def from_first(self, value: T) -> T:
-        """Return the value of rank 0 on every rank (broadcast)."""
+        """Return rank 0's value on every rank (broadcast)."""
         self._count(value, self.size - 1 if self.rank == 0 else 0)
         self.meet()
         found: T = self.comm.bcast(value, root=0)

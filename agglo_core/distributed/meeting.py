@@ -1,4 +1,4 @@
-"""Exchange of table rows between ranks: related rows are sent to one rank, which replies to the senders."""
+"""Table row exchange between ranks: related rows are sent to one rank, which replies to the senders."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def rank_of_key(keys: UInt64, size: int) -> Int:
 
 
 def groups(*keys: NDArray[Any]) -> tuple[Int, Int]:
-    """Group the rows with equal keys: return an order that sorts them, and the offsets of the groups."""
+    """Group the rows with equal keys: return an order that sorts them, and the group offsets."""
     order = np.lexsort(keys)
     new = np.zeros(len(order), bool)
     new[:1] = True

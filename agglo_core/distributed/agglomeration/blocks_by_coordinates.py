@@ -1,4 +1,4 @@
-"""Blocks of cells by recursive bisection of coordinates, independent of the distribution to ranks."""
+"""Cell blocks by recursive coordinate bisection, independent of the distribution to ranks."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def rank_of_block(block: Int, count: int, size: int) -> Int:
 
 
 def coordinate_blocks(points: Float, depth: int, reduced: Reduced = _reduce_on_one_rank) -> Int:
-    """Assign each point of this rank to one of ``2**depth`` blocks by recursive coordinate bisection.
+    """Assign each of this rank's points to one of ``2**depth`` blocks by recursive coordinate bisection.
 
     Each block is cut across the longest side of its box, at the coordinate that gives the most equal halves:
     points with equal coordinate, up to rounding, stay together. Blocks with equal leading digits are

@@ -18,7 +18,7 @@ _DIGITS = 2.0**30  # values are rounded to integers of this size, so that sums a
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Dual graph on the cells and ghosts of a rank, with the rank that owns each cell.
+    """Dual graph on a rank's cells and ghosts, with the rank that owns each cell.
 
     Attributes
     ----------

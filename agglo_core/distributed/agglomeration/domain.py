@@ -75,11 +75,11 @@ class Domain:
     graph : Graph
         Nodes with inner edges, without edges that constraints forbid.
     ids : (n,) int
-        Global id of each node, increasing.
+        Global id per node, increasing.
     cells : (n,) int
-        Number of mesh cells in each node.
+        Mesh cell count per node.
     weights : (n, bounds) float
-        Weights of each node, with a column per bound on part sizes.
+        Node weights, with a column per bound on part sizes.
     barriers : (p, 2) int
         Node pairs that no part may contain, whatever lies between.
     links : Links
@@ -95,11 +95,11 @@ class Domain:
 
     @property
     def n(self) -> int:
-        """Number of nodes."""
+        """Node count."""
         return self.graph.n
 
     def counted(self, bounds: Sequence[Member]) -> list[Member]:
-        """Return the bounds on part sizes, with the cell counts and weights of the nodes filled in."""
+        """Return the bounds on part sizes, with the nodes' cell counts and weights filled in."""
         return [
             replace(each, tool=each.tool.counting(self.cells, frozen_float(self.weights[:, column])))
             for column, each in enumerate(bounds)

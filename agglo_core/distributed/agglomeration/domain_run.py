@@ -42,7 +42,7 @@ class DomainRun:
     def levels(self, domain: Domain, goals: Sequence[Goal], number: int, turn: int) -> list[Int]:
         """Agglomerate one domain, and return the labels ``(n,)`` of each level.
 
-        The seed depends on ``number`` and on ``turn``, the number of changes of the domains so far.
+        The seed depends on ``number`` and on ``turn``, the number of domain changes so far.
         """
         if domain.n == 0:
             return [frozen_int(np.empty(0))] * len(goals)
@@ -78,7 +78,7 @@ class DomainRun:
         return PostPass(self.pipeline.merge, bool(self.run.post_refiners), rules)
 
     def _seeded(self, number: int, turn: int) -> Run:
-        """Return the run with a seed that depends on the domain. The first domain has the seed of the run."""
+        """Return the run with a seed that depends on the domain. The first domain has the run's seed."""
         if number == turn == 0:
             return self.run
         root: UInt64 = np.array([self.run.seed], np.uint64)

@@ -1,4 +1,4 @@
-"""First domains of a distributed run: the cells of each rank, or blocks independent of ranks."""
+"""First domains of a distributed run: each rank's cells, or blocks independent of ranks."""
 
 from __future__ import annotations
 

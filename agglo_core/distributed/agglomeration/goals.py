@@ -37,7 +37,7 @@ class Census(NamedTuple):
 
     @property
     def scattered(self) -> int:
-        """Number of additional connected components that are only due to the borders of domains."""
+        """Number of additional connected components that are only due to domain borders."""
         return int(np.maximum(self.open - 1, 0).sum())
 
     def expected(self, goal: Goal, place: int) -> float:
@@ -124,7 +124,7 @@ def _fits(goals: Sequence[Goal], number: int, census: Census) -> bool:
 
 
 def _shares(parts: int, census: Census, least: Int) -> Int:
-    """Return the number of parts per domain: one per isolated node, and the rest in proportion to mass."""
+    """Return the part count per domain: one per isolated node, and the rest in proportion to mass."""
     alone, n_linked = census.alone, census.nodes - census.alone
     domains = np.flatnonzero(n_linked)
     shares = np.array(alone)

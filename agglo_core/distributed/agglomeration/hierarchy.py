@@ -63,7 +63,7 @@ class DistributedHierarchy:
 
     @property
     def parts(self) -> list[int]:
-        """Total number of agglomerates of each level over all ranks."""
+        """Total agglomerate count per level over all ranks."""
         return [int(bounds[-1]) for bounds in self.bounds]
 
     def parents(self, level: int) -> Int:
@@ -87,7 +87,7 @@ class DistributedHierarchy:
         return frozen_int(parents)
 
     def prolongation(self, level: int) -> sparse.csr_array[Any, Any]:
-        """Return the prolongation from ``level`` (entries 0 and 1): rows of this rank, columns of all ranks.
+        """Return the prolongation from ``level`` (entries 0 and 1): this rank's rows, all ranks' columns.
 
         Rows are this rank's agglomerates of the next finer level, or its own cells for level 0. Columns are
         global ids.
@@ -102,7 +102,7 @@ class DistributedHierarchy:
         return self.mesh.coarsen(self.levels[level], self.bounds[level])
 
     def components(self, level: int) -> Int:
-        """Return the number of connected components of each agglomerate on this rank, normally 1."""
+        """Return the number of connected components per agglomerate on this rank, normally 1."""
         self._check(level)
         return components_of_parts(self.mesh, self.levels[level], self.bounds[level])
 

@@ -12,7 +12,7 @@ from agglo_core.graph import Graph
 
 
 def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
-    """Return the number of connected components of each part owned by this rank.
+    """Return the number of connected components per part owned by this rank.
 
     Each rank finds the components in its own cells. The owner of a part joins components that touch.
 
@@ -50,7 +50,7 @@ def first_cells(mesh: DistributedMesh) -> Int:
 
 
 def component_sizes(mesh: DistributedMesh, forbidden: Mask) -> Int:
-    """Return the number of cells in each connected component of the mesh, in any order. Collective.
+    """Return the cell count per connected component of the mesh, in any order. Collective.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ def means(
     ----------
     coarse : DistributedMesh
     components : (n_own,) int
-        Number of components per own part.
+        Component count per own part.
     metrics, registry
         As for :func:`agglo_core.quality`.
     """

@@ -36,14 +36,14 @@ def agglomerate(
     :meth:`DistributedMesh.scatter`. Then labels are equal for any number of ranks, including one. Otherwise
     each rank agglomerates its own cells. Counts are distributed with one exchange. Levels with few parts are
     built from the agglomerates of a finer level, if necessary on fewer ranks, so that parts grow across the
-    borders of blocks and ranks.
+    block and rank borders.
 
     Parameters
     ----------
     mesh : DistributedMesh
     pipeline : Pipeline, optional
         Components, targets and rules, as on one process. Arrays hold a value per own cell (``barriers``:
-        per face of ``mesh.local``). Lines of cells end at rank borders.
+        per face of ``mesh.local``). Cell lines end at rank borders.
     independent_of_ranks : bool, optional
         Require labels independent of the number of ranks: True sends each block's cells to one
         rank if necessary, False lets each rank agglomerate its own cells. Default: blocks if nothing has
@@ -106,7 +106,7 @@ def agglomerate(
 
 
 def _of_all_ranks(ranks: Ranks, run: Run) -> Statistics:
-    """Combine the statistics of all ranks: summed counts, largest depth, and largest time per phase."""
+    """Combine all ranks' statistics: summed counts, largest depth, and largest time per phase."""
     every = ranks.gathered(run.statistics)
     total = Statistics()
     for name in (entry.name for entry in fields(Statistics) if entry.name != "seconds"):

@@ -24,9 +24,9 @@ class Numbering:
     Attributes
     ----------
     first : (count + 1,) int
-        First id per domain, and the number of parts.
+        First id per domain, and the part count.
     bounds : (size + 1,) int
-        First id per rank, and the number of parts.
+        First id per rank, and the part count.
     """
 
     first: Int
@@ -34,7 +34,7 @@ class Numbering:
 
     @property
     def parts(self) -> int:
-        """Total number of parts over all ranks."""
+        """Total part count over all ranks."""
         return int(self.first[-1])
 
 
@@ -46,7 +46,7 @@ class Stage:
     ----------
     ranks : Ranks
     count : int
-        Number of domains on all ranks.
+        Domain count over all ranks.
     domains : mapping of number to Domain
         Local domains.
     """
@@ -160,7 +160,7 @@ def move_pieces(
     pieces : sequence of (int, Domain)
         Local pieces with their new domain numbers. Each domain gets at least one piece, from any rank.
     count : int
-        Number of domains on all ranks.
+        Domain count over all ranks.
     renumbered : callable
         Map from old to new domain numbers in links.
     """

@@ -36,7 +36,7 @@ class Start:
     goals: Sequence[Goal]
 
     def begun(self, independent_of_ranks: bool | None, block_cells: int | None) -> Beginning:
-        """Return the first domains: blocks of cells by coordinates, or the cells of each rank.
+        """Return the first domains: cell blocks by coordinates, or each rank's cells.
 
         With None, domains are blocks by coordinates if all cells already lie on their ranks.
         """
@@ -72,7 +72,7 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """First domains of a run, with the transfer of their values back to the cells of each rank.
+    """First domains of a run, with the transfer of their values back to each rank's cells.
 
     Attributes
     ----------
@@ -93,14 +93,14 @@ class Beginning:
     in_blocks: bool
 
     def of_own_cells(self, values: Mapping[int, Int]) -> Int:
-        """Return values on the cells of this rank in id order, from ``values`` by domain."""
+        """Return values on this rank's cells in id order, from ``values`` by domain."""
         way, ids = self.way, np.concatenate([piece.ids for _, piece in self.pieces])
         found = [values[number] for number, _ in self.pieces] if way is None else way.brought(values)
         return frozen_int(np.concatenate(found)[np.argsort(ids)])
 
 
 def prepare_run(mesh: DistributedMesh, given: Pipeline, registry: Registry) -> Start:
-    """Evaluate the constraints and targets of a run, with the ``given`` components."""
+    """Evaluate a run's constraints and targets, with the ``given`` components."""
     ranks, local = mesh.ranks, mesh.local
     pipeline = with_ghosts(given, mesh.exchange, len(mesh.own))
     with ranks.together():

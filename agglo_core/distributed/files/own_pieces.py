@@ -31,7 +31,7 @@ def write_pieces(
     *,
     compress: bool,
 ) -> None:
-    """Write ``STEM.pvtu``, and the cells of each rank with data ``(n_own,)`` to ``STEM/``."""
+    """Write ``STEM.pvtu``, and each rank's cells with data ``(n_own,)`` to ``STEM/``."""
     ranks = mesh.ranks
     share = Share(mesh.own, frozen_int(mesh.global_ids[mesh.own]), mesh.point_ids, _usual_tags(mesh))
     with ranks.together():
@@ -40,7 +40,7 @@ def write_pieces(
 
 
 def write_agreed(folder: Path, stem: str, piece: Piece, ranks: Ranks, *, compress: bool = False) -> None:
-    """Write ``STEM.pvtu``, and the VTK piece of each rank to ``STEM/``. Array names are equal on all ranks.
+    """Write ``STEM.pvtu``, and each rank's VTK piece to ``STEM/``. Array names are equal on all ranks.
 
     Array types are made equal, too, because VTK reads types from a single piece.
     """

@@ -30,7 +30,7 @@ from agglo_core.mesh.elements import gather
 
 
 class _Own(NamedTuple):
-    """Cells of this rank as a separate mesh, with the global ids of points and cells if known."""
+    """This rank's cells as a separate mesh, with global point and cell ids if known."""
 
     mesh: Mesh
     point_ids: Int | None
@@ -139,7 +139,7 @@ def _of_used_points(soup: Soup, mesh: Mesh) -> Int:
 
 
 def _common_tags(facts: list[_Facts]) -> dict[str, int]:
-    """Return the default value of each face tag: the most common on the first rank with the tag."""
+    """Return each face tag's default value: the most common on the first rank with the tag."""
     common: dict[str, int] = {}
     for each in facts:
         common = {**each.usual, **common}
@@ -149,7 +149,7 @@ def _common_tags(facts: list[_Facts]) -> dict[str, int]:
 def _local_arguments(
     piece: _Own | None, facts: list[_Facts], tags: list[str], usual: Mapping[str, int]
 ) -> dict[str, Any]:
-    """Return the arguments of :meth:`DistributedMesh.from_local` for the cells of this rank."""
+    """Return the arguments of :meth:`DistributedMesh.from_local` for this rank's cells."""
     if piece is None:
         return {"points": np.empty((0, 0)), "cells": [], "point_ids": []}
     mesh = piece.mesh

@@ -77,7 +77,7 @@ def read(
 
 
 def _share_pieces(file: Path, size: int) -> list[list[str]]:
-    """Distribute the VTK pieces of a file to the ranks, balanced by file size."""
+    """Distribute a file's VTK pieces to the ranks, balanced by file size."""
     sources = sources_of(file_bytes(file))
     if not sources:
         raise FileError("it contains no Piece")
@@ -86,7 +86,7 @@ def _share_pieces(file: Path, size: int) -> list[list[str]]:
 
 
 def _ranks_of(weights: Sequence[int], size: int) -> Int:
-    """Assign a sequence of weights to ranks in increasing order, with balanced sums."""
+    """Assign successive weights to ranks in increasing order, with balanced sums."""
     ends = np.cumsum(weights, dtype=np.float64)
     middles = ends - 0.5 * np.asarray(weights)
     return np.asarray(np.minimum(size * middles / max(ends[-1], 1.0), size - 1), np.int64)

@@ -39,9 +39,9 @@ def write(
     """Write a distributed mesh, and optionally its hierarchy, as ``.pvtu``. Collective.
 
     Each rank writes its own cells to ``NAME/NAME_<rank>.vtu``, rank 0 the list ``NAME.pvtu`` for ParaView.
-    Cells carry their tags, the labels of all levels as ``level_0``, … and global ids, so that
+    Cells carry their tags, all levels' labels as ``level_0``, … and global ids, so that
     :func:`agglo_core.read` restores the mesh before its distribution. With a hierarchy, each coarse mesh is
-    written as ``NAME_level0.pvtu``, …, with label, parent, number of cells, measure and diameter of each
+    written as ``NAME_level0.pvtu``, …, with label, parent, cell count, measure and diameter of each
     agglomerate. Files appear whole or not at all, the lists last.
 
     Parameters
@@ -135,7 +135,7 @@ def _coarse(
 
 
 def _cells_of_parts(hierarchy: DistributedHierarchy, level: int) -> Int:
-    """Return the number of cells in each agglomerate of this rank, counted on all ranks."""
+    """Return the cell count per agglomerate of this rank, counted on all ranks."""
     ranks, bounds = hierarchy.mesh.ranks, hierarchy.bounds[level]
     parts, cells = np.unique(hierarchy.levels[level], return_counts=True)
     owners = np.searchsorted(bounds, parts, side="right") - 1

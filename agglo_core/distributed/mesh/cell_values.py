@@ -25,7 +25,7 @@ class CellValues:
 
     @cached_property
     def own(self) -> Int:
-        """Local indices of the cells owned by this rank ``(n_own,)``, increasing."""
+        """Local indices of this rank's own cells ``(n_own,)``, increasing."""
         return frozen_int(np.flatnonzero(self.owners == self.ranks.rank))
 
     @cached_property
@@ -35,7 +35,7 @@ class CellValues:
 
     @cached_property
     def ghosts_elsewhere(self) -> dict[int, Int]:
-        """Cells of this rank that are ghosts on each other rank: indices among the own cells, increasing."""
+        """This rank's cells that are ghosts on each other rank: indices among the own cells, increasing."""
         sides = np.append(self.owners, -1)[self.local.face_cells]
         here = self.ranks.rank
         face, side = np.nonzero((sides == here) & (sides[:, ::-1] != here) & (sides[:, ::-1] >= 0))
@@ -46,7 +46,7 @@ class CellValues:
         }
 
     def exchange(self, values: ArrayLike) -> NDArray[Any]:
-        """Extend values on the cells of this rank to its ghosts, with ghost values from their owners.
+        """Extend values on this rank's cells to its ghosts, with ghost values from their owners.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class CellValues:
         return np.concatenate([own for _, own in parts])[order]
 
     def checked(self, values: ArrayLike) -> NDArray[Any]:
-        """Return values on the cells of this rank as an array, and check that all ranks' arrays match.
+        """Return values on this rank's cells as an array, and check that all ranks' arrays match.
 
         Raises
         ------

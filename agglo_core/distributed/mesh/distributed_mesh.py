@@ -42,13 +42,13 @@ class DistributedMesh(CellValues):
         Own cells and ghosts by global id. Ghosts are all cells of other ranks that share a face with an
         own cell.
     global_ids : (local.n_cells,) int
-        Global id of each cell, increasing.
+        Global cell ids, increasing.
     owners : (local.n_cells,) int
-        Owner of each cell.
+        Owner per cell.
     point_ids : (local.n_points,) int
-        Global id of each point, increasing.
+        Global point ids, increasing.
     face_ids : (local.n_faces,) int
-        Global number of each face, increasing. Some numbers may be unused.
+        Global face numbers, increasing. Some numbers may be unused.
     hidden : (local.n_faces,) bool
         Ghost faces to cells outside the local mesh. They look like boundary faces, but have no tags.
     n_cells : int
@@ -80,7 +80,7 @@ class DistributedMesh(CellValues):
         *,
         block_cells: int | None = None,
     ) -> DistributedMesh:
-        """Distribute a mesh from rank 0. Global ids are the indices of its cells, faces and points.
+        """Distribute a mesh from rank 0. Global ids are its cell, face and point indices.
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class DistributedMesh(CellValues):
         allow_gaps: bool = False,
         name: str = "",
     ) -> DistributedMesh:
-        """Build a mesh from the cells that each rank has, and find neighbours by the points of their faces.
+        """Build a mesh from the cells that each rank has, and find neighbours by their face points.
 
         Parameters
         ----------
@@ -245,7 +245,7 @@ class DistributedMesh(CellValues):
         Parameters
         ----------
         labels : (n_own,) int
-            Part of each own cell: its global id in the coarse mesh, on any rank.
+            Part per own cell: its global id in the coarse mesh, on any rank.
         bounds : (size + 1,) int
             Rank r gets the parts ``bounds[r]:bounds[r + 1]``. Equal on all ranks.
 

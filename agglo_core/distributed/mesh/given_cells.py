@@ -29,7 +29,7 @@ from agglo_core.mesh.elements import Polyhedra, gather, take_cells
 
 
 class GivenCells(NamedTuple):
-    """Cells of one rank as a mesh, with cells and points by increasing global id."""
+    """One rank's cells as a mesh, with cells and points by increasing global id."""
 
     mesh: Mesh
     cells: Int  # global ids
@@ -85,7 +85,7 @@ def check_given_cells(
     weak: bool,
     name: str,
 ) -> GivenCells:
-    """Check the given cells across ranks, and build the mesh of this rank.
+    """Check the given cells across ranks, and build this rank's mesh.
 
     Arguments and errors are those of :meth:`DistributedMesh.from_local`. Without ``point_ids`` on all
     ranks, points with exactly equal coordinates are identified.
@@ -155,7 +155,7 @@ def _require_agreement(values: list[Any], template: str, ranks: Ranks) -> Any:
 
 
 def _ids(cell_ids: ArrayLike | None, counts: list[int], rank: int) -> Int:
-    """Return the global ids of the cells of this rank, by default numbered rank after rank."""
+    """Return the global ids of this rank's cells, by default numbered rank after rank."""
     if cell_ids is None:
         return frozen_int(np.arange(counts[rank]) + sum(counts[:rank]))
     ids = whole_numbers(cell_ids, "cell_ids")
@@ -167,7 +167,7 @@ def _ids(cell_ids: ArrayLike | None, counts: list[int], rank: int) -> Int:
 def _distinct(lists: _Lists) -> tuple[_Lists, Int, Int]:
     """Merge points with equal global id, and drop unused points.
 
-    Return the cells, the global point ids, and the new index of each given point.
+    Return the cells, the global point ids, and the new index per given point.
     """
     is_used = np.zeros(len(lists.points), bool)
     is_used[lists.vertices] = True

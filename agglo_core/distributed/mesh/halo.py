@@ -64,7 +64,7 @@ def own_cells(
 
 
 def all_cells(mesh: Mesh, global_ids: Int, owners: Int, point_ids: Int, face_ids: Int) -> WholeCells:
-    """Return all cells of a local mesh, including ghosts, with neighbour -1 at faces to cells outside."""
+    """Return all local mesh cells, including ghosts, with neighbour -1 at faces to cells outside."""
     sides = mesh.face_cells
     rank_of = np.append(owners, -1)
     number = np.append(global_ids, -1)
@@ -84,7 +84,7 @@ def all_cells(mesh: Mesh, global_ids: Int, owners: Int, point_ids: Int, face_ids
 
 
 def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:
-    """Build a mesh from the cells and ghosts of a rank, and mark the faces to cells outside.
+    """Build a mesh from a rank's cells and ghosts, and mark the faces to cells outside.
 
     A ghost face to a cell outside the mesh becomes an outer face without tags. If the missing cell owns the
     face, the loop is reversed, because the owner must be in the mesh. Own cells are not affected: all their
@@ -107,7 +107,7 @@ def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:
 
 
 def part_of_whole(mesh: Mesh, origin: Float, hidden: Mask) -> Mesh:
-    """Set the properties of a local mesh that depend on the global mesh: its origin and boundary.
+    """Set the local mesh properties that depend on the global mesh: its origin and boundary.
 
     With the whole mesh's centre as origin, geometry is equal on any number of ranks. Hidden faces do not
     belong to the boundary.

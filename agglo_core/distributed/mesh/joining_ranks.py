@@ -86,7 +86,7 @@ def _foreign_faces(mesh: Mesh, is_hidden: Mask, is_own: Mask) -> Mask:
 
 
 def _cells_of(mesh: Mesh, own_cells: WholeCells, whole: WholeCells, is_own: Mask) -> Mesh:
-    """Extract the cells of this rank, with their tags, from a mesh that contains cells of other ranks."""
+    """Extract this rank's cells, with their tags, from a mesh that contains cells of other ranks."""
     number = np.append(np.where(is_own, np.cumsum(is_own) - 1, -1), (-1, -1))  # dummy cell, and -1
     sides = frozen_int(number[mesh.face_cells])
     alone = WholeCells(

@@ -23,7 +23,7 @@ FaceTags = Mapping[str, tuple[Any, ArrayLike]]
 
 
 def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) -> WholeCells:
-    """Match the faces of the given cells across ranks, and number them as on a single process.
+    """Match the given cells' faces across ranks, and number them as on a single process.
 
     A face belongs to its cell with the smaller global id. Faces follow their owner cells' order, and
     within a cell the cell's order.
@@ -121,7 +121,7 @@ def _look_up_faces(sought: FaceKeys, keys: FaceKeys) -> Int:
 
 
 def _number_faces(owner: Int, is_owned: NDArray[np.bool_], ranks: Ranks) -> Int:
-    """Number the faces that cells of this rank own, in cell order. Other faces get -1."""
+    """Number the faces that this rank's cells own, in cell order. Other faces get -1."""
     owner_cells = owner[is_owned]
     rank = np.arange(len(owner_cells)) - np.searchsorted(owner_cells, owner_cells)
     most = int(ranks.largest(float(rank.max(initial=0)))) + 1
@@ -139,7 +139,7 @@ def _from_owners(
     beyond: Beyond,
     ranks: Ranks,
 ) -> tuple[Int, Int]:
-    """Exchange the numbers and points of border faces, so that each rank uses those of the face's owner."""
+    """Exchange border face numbers and points, so that each rank uses those of the face's owner."""
     parcels = {}
     for rank in distinct(beyond.ranks).tolist():
         rows = np.flatnonzero((beyond.ranks == rank) & is_owned[border])
@@ -153,7 +153,7 @@ def _from_owners(
 
 
 def _sides(cells: Int, border: Int, beyond: Beyond, rank: int) -> tuple[Int, Int]:
-    """Return the two cells of each face and their ranks, the owner first."""
+    """Return each face's two cells and their ranks, the owner first."""
     sides, owners = cells.copy(), np.where(cells >= 0, rank, -1)
     sides[border, 1], owners[border, 1] = beyond.cells, beyond.ranks
     turned = border[beyond.cells < cells[border, 0]]

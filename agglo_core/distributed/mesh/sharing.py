@@ -59,7 +59,7 @@ def _in_boxes(centroids: Float, size: int) -> Int:
 
 
 def scatter_cells(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int | None) -> WholeCells:
-    """Send each rank its cells from rank 0, and return the cells of this rank.
+    """Send each rank its cells from rank 0, and return this rank's cells.
 
     Raises
     ------

@@ -76,7 +76,7 @@ def take_cells(whole: WholeCells, cells: Int, faces: Int) -> WholeCells:
 
 
 def merge_cells(parts: Sequence[WholeCells]) -> WholeCells:
-    """Merge the cells, faces and points of all parts, and keep the first of those with equal id."""
+    """Merge all parts' cells, faces and points, and keep the first of those with equal id."""
     if len(parts) == 1:
         return parts[0]
     # Merge the global numbers, keeping first occurrences.

@@ -1,4 +1,4 @@
-"""Norms of the discretisation error of a distributed solution, from the cells of all ranks."""
+"""Discretisation error norms of a distributed solution, from the cells of all ranks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from agglo_core.problems import Discretisation, Problem
 def error_norms(
     mesh: DistributedMesh, problem: Problem, how: Discretisation, x: ArrayLike
 ) -> dict[str, float]:
-    """Compute norms of the discretisation error over all ranks, equal on every rank. Collective.
+    """Compute discretisation error norms over all ranks, equal on every rank. Collective.
 
     Each rank contributes the squares on its own cells and half their faces.
 

@@ -1,4 +1,4 @@
-"""Combinations of tag values that occur in a distributed mesh."""
+"""Tag value combinations that occur in a distributed mesh."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def kinds_of_all(mesh: DistributedMesh) -> tuple[Mapping[str, Int], BoundaryKind
 
 
 def _of_all(ranks: Ranks, columns: Sequence[Int]) -> list[Int]:
-    """Return the distinct rows of the tables of all ranks."""
+    """Return the distinct rows of all ranks' tables."""
     with ranks.together():
         own = distinct(columns)
     every = ranks.gathered(own)

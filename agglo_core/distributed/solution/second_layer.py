@@ -16,7 +16,7 @@ from agglo_core.mesh import Mesh
 
 
 class _Seen(NamedTuple):
-    """Cells and ghosts of a rank, and a mark ``(n_faces,)`` on faces to cells outside."""
+    """A rank's cells and ghosts, and a mark ``(n_faces,)`` on faces to cells outside."""
 
     cells: WholeCells
     hidden: Mask
