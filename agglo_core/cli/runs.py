@@ -1,4 +1,4 @@
-"""Agglomeration runs of the commands: execution, measurement, and display of the results."""
+"""Agglomeration runs of the commands: execution, measurement, and result display."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def attempt(
 
 
 def warm_up(given: Mapping[str, Any]) -> None:
-    """Agglomerate a tiny mesh, to keep imports and compilation out of the time of the first run."""
+    """Agglomerate a tiny mesh, to keep imports and compilation out of the first run's time."""
     from agglo_core import samples
     from agglo_core.agglomeration.one_call import agglomerate
 
@@ -106,18 +106,18 @@ def refuse_all_failed(runs: Sequence[RunResult]) -> None:
 
 
 def data(mesh: Mesh, source: str, runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the data of a mesh and its runs in JSON types, as printed by ``--json``."""
+    """Return mesh and run data in JSON types, as printed by ``--json``."""
     return {"mesh": {"name": mesh.name or source, "cells": mesh.n_cells, "h0": mesh.h}, "runs": runs}
 
 
 def level_data(level: Level) -> dict[str, Any]:
-    """Return the data of a level, with its target as a number: maximum diameter or number of parts."""
+    """Return level data, with its target as a number: maximum diameter or part count."""
     target = level.line["target"]
     return level.line | {"target": target.get("h_star", target.get("n_parts"))}
 
 
 def run_data(run: RunResult, bisector: str, method: str) -> dict[str, Any]:
-    """Return the data of one of several compared runs, with bisector, method and error message."""
+    """Return data for one of several compared runs, with bisector, method and error message."""
     return {
         "bisector": bisector,
         "method": method,
@@ -155,7 +155,7 @@ def single_level(mesh: Mesh) -> Hierarchy:
 
 
 def show(title: str, runs: Sequence[RunResult], only_finest: bool = False) -> None:
-    """Print a table with one line per level, and the error messages of failed runs."""
+    """Print a table with one line per level, and error messages for failed runs."""
     every = [level for run in runs for level in run.levels]
     sized = any(level.line["diameter_ratio"] is not None for level in every)
     columns = _columns(every[0], sized)

@@ -154,7 +154,7 @@ def compare(
 
 
 def _with_solutions(runs: list[dict[str, Any]], solved: Sequence[Solved]) -> list[dict[str, Any]]:
-    """Return the report data of the runs, and that of their solutions if problems were solved."""
+    """Return the report data for the runs, and for their solutions if problems were solved."""
     return [run | {"solve": each.data()} for run, each in zip(runs, solved, strict=True)] if solved else runs
 
 

@@ -193,13 +193,13 @@ def agglomeration_options(
     """Add the options for all keywords of :func:`~agglo_core.agglomerate` to a command (decorator).
 
     The command receives a mapping ``agglomeration`` with arguments of :func:`agglo_core.agglomerate`. Absent
-    options keep the defaults. Several kinds of target, or a refiner beside ``none``, are a UsageError. An
+    options keep the defaults. Several target kinds, or a refiner beside ``none``, are a UsageError. An
     unusable component is a PluginError before a mesh is read.
 
     Parameters
     ----------
     command : callable, optional
-        Without decorator arguments, the command has refiners, fixer, the four kinds of target, and the seed.
+        Without decorator arguments, the command has refiners, fixer, the four target kinds, and the seed.
     bisector : "one" or "several"
         Add all options of ``agglo run``: also bisector, method, nested, merge, polish, post-refiners,
         constraints, rules for the parts, config. With "several", the command also receives ``bisectors``,

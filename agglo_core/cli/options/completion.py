@@ -29,12 +29,12 @@ Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
 def names(*kinds: str, several: bool = False, also: tuple[str, ...] = ()) -> Offer:
-    """Return a click callback that completes names, options and option values of these kinds of components.
+    """Return a click callback that completes names, options and option values of these component kinds.
 
     Parameters
     ----------
     several : bool
-        Complete a comma list of components.
+        Complete a comma-separated component list.
     also : tuple of str
         Further words besides component names.
     """
@@ -62,7 +62,7 @@ samples: Offer = names("sample")
 
 
 def meshes(context: click.Context, parameter: click.Parameter, typed: str) -> list[CompletionItem]:
-    """Complete the name of a sample mesh, or a file name if no sample matches."""
+    """Complete a sample mesh name, or a file name if no sample matches."""
     return samples(context, parameter, typed) or [CompletionItem(typed, type="file")]
 
 
@@ -91,7 +91,7 @@ def _find_continuations(
 
 
 def _options(kinds: tuple[str, ...], name: str, typed: str) -> Iterator[tuple[str, str]]:
-    """Yield the option names that may follow those ``typed``, or the values of the last option."""
+    """Yield the option names that may follow those ``typed``, or the last option's values."""
     *typed_options, last = typed.split(",")
     option, equals, value = last.partition("=")
     used_names = {item.partition("=")[0] for item in typed_options}

@@ -1,4 +1,4 @@
-"""Numeric options and lists of numbers, with error messages that state the expected value."""
+"""Numeric options and number lists, with error messages that state the expected value."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def bisectors_option(about: str) -> Decorator:
     Parameters
     ----------
     about : str
-        Beginning of the help text: the purpose of the bisectors.
+        Beginning of the help text: the bisectors' purpose.
 
     Examples
     --------

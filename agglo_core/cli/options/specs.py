@@ -59,7 +59,7 @@ def load_mesh(text: str | Path) -> Mesh:
 
 
 def parse_spec(text: str) -> tuple[str, dict[str, Value]]:
-    """Split ``"metis:ufactor=30,contig=true"`` into name and options, and infer the types of the values.
+    """Split ``"metis:ufactor=30,contig=true"`` into name and options, and infer the value types.
 
     Not for components: :func:`choice` converts component options by their declared types.
 
@@ -116,12 +116,12 @@ def split_specs(text: str) -> list[str]:
 
 
 def all_bisectors() -> list[str]:
-    """Return the names of all usable bisectors."""
+    """Return all usable bisector names."""
     return [record.name for record in default().list() if record.kind == "bisector" and record.state == "ok"]
 
 
 def bisector_specs(typed: Sequence[str]) -> list[str]:
-    """Split comma-separated lists of bisectors, where ``all`` stands for all usable bisectors.
+    """Split comma-separated bisector lists, where ``all`` stands for all usable bisectors.
 
     Raises
     ------

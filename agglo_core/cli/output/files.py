@@ -1,4 +1,4 @@
-"""Output files of commands: checked before the computation, written independently of each other."""
+"""Command output files: checked before the computation, written independently of each other."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _NO_RESULT, _NO_PICTURE = 2, 3  # exit codes
 
 @dataclass
 class Outputs:
-    """Output files of a command, each written independently: a failure affects no other file.
+    """A command's output files, each written independently: a failure affects no other file.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ def _coarse_meshes(path: Path) -> str:
 def check_outputs(
     output: Path | None, plot: Path | None, report: Path | None, bisectors: Sequence[str]
 ) -> list[Path]:
-    """Check all output files as far as possible, and return the mesh file of each run.
+    """Check all output files as far as possible, and return each run's mesh file.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def draw_runs(
 ) -> None:
     """Write picture and report if requested, with means of the ``metrics`` in the titles.
 
-    ``solves`` contains the report data of solutions by run name.
+    ``solves`` contains solution report data by run name.
     """
     if plot is not None:
         from agglo_core.draw.plot import draw

@@ -58,7 +58,7 @@ class Table:
         return [row[place] for row in self.rows]
 
     def least(self, *, whole_heads: bool) -> list[int]:
-        """Return the minimum width of each column, with the heading folded or in one line."""
+        """Return the minimum width per column, with the heading folded or in one line."""
         widths = []
         for place, name in enumerate(self.columns):
             cells = self.cells(place)
@@ -231,7 +231,7 @@ def fold_text(text: str, width: int, indent: str = "", breaks: re.Pattern[str] =
 
 
 def _width(text: str) -> int:
-    """Return the number of terminal columns of a line: two per East Asian letter, none per accent."""
+    """Return the terminal column count of a line: two per East Asian letter, none per accent."""
     if text.isascii():
         return len(text)
     from rich.cells import cell_len

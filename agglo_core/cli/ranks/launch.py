@@ -1,6 +1,6 @@
 """Command line on several MPI ranks: output, common exit code, options that are not available.
 
-The number of ranks is read from environment variables of launchers, so that ordinary runs do not import
+The rank count is read from launchers' environment variables, so that ordinary runs do not import
 mpi4py. Rank 0 prints, and the output of other ranks is held back. At the end, the ranks exchange their exit
 codes. If all ranks arrive, all exit with one code. Otherwise a failed rank prints its error after some
 time, and aborts the whole run.
@@ -36,14 +36,14 @@ _LONGEST = 3.0  # maximum extra delay of a rank, seconds
 
 
 class Launched(NamedTuple):
-    """Rank and number of processes from the environment of an MPI launcher."""
+    """Rank and process count from the environment of an MPI launcher."""
 
     rank: int
     size: int
 
 
 def find_launch(environment: Mapping[str, str] | None = None) -> Launched | None:
-    """Return rank and number of processes if an MPI launcher started several, else None."""
+    """Return rank and process count if an MPI launcher started several, else None."""
     variables = os.environ if environment is None else environment
     for names in _LAUNCHERS:
         rank, size = (variables.get(name, "") for name in names)
@@ -118,7 +118,7 @@ def _run_command(command: Callable[[], int]) -> int:
 
 
 def _codes_of_all(comm: Any, code: int) -> list[int] | None:
-    """Collect the exit codes of all ranks.
+    """Collect all ranks' exit codes.
 
     None if this rank has failed and other ranks do not end in time.
     """
@@ -136,7 +136,7 @@ def _codes_of_all(comm: Any, code: int) -> list[int] | None:
 
 
 def _say(output: io.StringIO, rank: str) -> None:
-    """Print the buffered error messages of a failed rank. Rank 0 prints without a buffer."""
+    """Print a failed rank's buffered error messages. Rank 0 prints without a buffer."""
     lines = [line for line in output.getvalue().splitlines() if not line.startswith(("note: ", "warning: "))]
     for line in lines:
         message = line.removeprefix("error: ")

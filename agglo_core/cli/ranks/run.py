@@ -158,7 +158,7 @@ def _levels(hierarchy: DistributedHierarchy, metrics: Sequence[Any]) -> list[_Le
 
 
 def _tell(source: str, mesh: DistributedMesh, run: Any, *, as_json: bool, quiet: bool) -> None:
-    """Print the results of ``agglo run`` with the number of ranks, as a table or as JSON."""
+    """Print the results of ``agglo run`` with the rank count, as a table or as JSON."""
     name, size = mesh.local.name or source, mesh.ranks.size
     if as_json:
         levels = [level_data(level) for level in run.levels]

@@ -1,7 +1,7 @@
 """``agglo solve`` on several MPI ranks: each rank solves on its own cells, and rank 0 reports.
 
 A distributed solver has a method ``solve_across(problem, hierarchy, progress)`` for a distributed
-hierarchy. ``x`` in its result holds the unknowns of own cells by increasing global id.
+hierarchy. ``x`` in its result holds the own cells' unknowns by increasing global id.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def solve_on_ranks(
 def _report(
     solution: Any, norms: Mapping[str, float], hierarchy: DistributedHierarchy, seconds: float
 ) -> dict[str, Any]:
-    """Return the report data of a distributed solution, with the same keys as without ranks.
+    """Return a distributed solution's report data, with the same keys as without ranks.
 
     They are those of :func:`agglo_core.solvers.solution_report.report`.
     """

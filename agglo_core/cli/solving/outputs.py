@@ -36,7 +36,7 @@ def levelless_run(mesh: Mesh) -> RunResult:
 
 
 def levels_run(mesh: Mesh, agglomeration: Mapping[str, Any], progress: Listener | None) -> RunResult:
-    """Build the hierarchy and measure the time, without metrics of the levels."""
+    """Build the hierarchy and measure the time, without level metrics."""
     from agglo_core.agglomeration import agglomerate
     from agglo_core.measure.comparison import RunResult
 

@@ -28,7 +28,7 @@ _COLUMNS = ("iterations", "converged", "contraction", "hierarchy s", "set-up s",
 
 @dataclass(frozen=True)
 class Solved:
-    """Iterations, convergence and cost of a solver with one hierarchy, or its error message.
+    """A solver's iterations, convergence and cost with one hierarchy, or its error message.
 
     ``contraction`` is the geometric mean of the factors by which an iteration reduces the residual's 2-norm.
     ``seconds`` are CPU seconds for the hierarchy, for everything before the iteration (assembly included,
@@ -65,7 +65,7 @@ class Solved:
 
     @property
     def remark(self) -> str:
-        """Remark below the table: the error or the reason of no convergence, else empty."""
+        """Remark below the table: the error or the reason for no convergence, else empty."""
         return self.error or ("" if self.converged else f"not converged: {self.reason}")
 
 
@@ -105,7 +105,7 @@ def solve_runs(
 
 
 def collect_reports(runs: Sequence[RunResult], solved: Sequence[Solved]) -> dict[str, Mapping[str, Any]]:
-    """Return the report data of the solution with each run, by name of the run."""
+    """Return the report data of the solution with each run, by run name."""
     pairs = zip(runs, solved, strict=False)
     return {run.name: result.details or {"error": result.error} for run, result in pairs if not run.error}
 
@@ -163,7 +163,7 @@ def _contraction(solution: Solution) -> float | None:
 
 
 def _warm_up(solver: Member, posed: Posed) -> None:
-    """Solve tiny examples, to keep imports and compilation out of the time of the first solution."""
+    """Solve tiny examples, to keep imports and compilation out of the first solution's time."""
     from agglo_core import samples
     from agglo_core.problems.solving import run_solver
 
@@ -183,7 +183,7 @@ def _agglomerate_small_mesh(mesh: Any) -> Hierarchy:
 
 
 def show_solved(spec: str, problem: str, runs: Sequence[RunResult], solved: Sequence[Solved]) -> None:
-    """Print a table with cost and shape metrics of each run, and the reasons of failures."""
+    """Print a table with cost and shape metrics per run, and the reasons for failures."""
     first_level = next(level for run in runs for level in run.levels)
     metrics = list(first_level.metrics)
     rows = []
