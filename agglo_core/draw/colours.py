@@ -1,4 +1,4 @@
-"""Colours of cells and agglomerates: by neighbours, by tag with a legend, by number with a colour bar."""
+"""Cell and agglomerate colours: by neighbours, by tag with a legend, by number with a colour bar."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ _UNDEFINED = "#BBBBBB"
 
 
 class Paint(NamedTuple):
-    """Colours of cells or agglomerates, with their legend or scale.
+    """Cell or agglomerate colours, with their legend or scale.
 
     ``colours (n,)`` are indices into ``palette``. ``names`` are the legend entries of the colours. ``limits``
     are the numbers at both ends of a colour scale, and ``scale`` is its matplotlib colour map.

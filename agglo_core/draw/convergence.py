@@ -40,7 +40,7 @@ class Curves:
 
     @classmethod
     def of(cls, solution: Solution) -> Curves:
-        """Return the convergence curves of a solution."""
+        """Return a solution's convergence curves."""
         return cls.made(
             solution.residuals,
             solution.energy_errors,

@@ -1,4 +1,4 @@
-"""Placement of text labels beside the dots of a scatter plot, without overlaps."""
+"""Text label placement beside the dots of a scatter plot, without overlaps."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def label_places(dots: Float, sizes: Float, frame: Float, gap: float, lines: Flo
     ----------
     dots : (n, 2) float
     sizes : (n, 2) float
-        Width and height of each label.
+        Width and height per label.
     frame : (2,) float
-        Width and height of the picture, with lower left corner 0.
+        Picture width and height, with lower left corner 0.
     gap : float
-        Radius of a dot, and distance between objects.
+        Dot radius, and distance between objects.
     lines : (m, 4) float, optional
         Further boxes to avoid, by lower left and upper right corner.
     """

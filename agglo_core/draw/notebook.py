@@ -40,7 +40,7 @@ def inline_picture(
     about : str
         Alternative text.
     width, ratio : float
-        Width of a panel in inches, and ratio of height to width.
+        Panel width in inches, and ratio of height to width.
 
     Returns
     -------

@@ -117,7 +117,7 @@ def _line_width(axis: Any, n_cells: int, most: float) -> float:
 
 
 def _cell_size(axis: Any, n_cells: int) -> float:
-    """Return the approximate cell size in points on axes that show this number of cells."""
+    """Return the approximate cell size in points on axes that show this many cells."""
     return float(72.0 * width_in_inches(axis) / np.sqrt(n_cells))
 
 

@@ -44,7 +44,7 @@ def draw(
 ) -> None:
     """Draw the fine mesh and every level, one row per run, and write the picture.
 
-    Neighbouring agglomerates differ in colour. Titles give the number of parts and the means of the metrics,
+    Neighbouring agglomerates differ in colour. Titles give the part count and the metric means,
     by default UF and CR. Solids are seen from above and a side, with agglomerates moved apart. If the picture
     cannot be written, no file is left behind.
 
@@ -200,7 +200,7 @@ def short_name(text: str, most: int = 34) -> str:
 
 
 def _title(level: Level, usual: bool) -> str:
-    """Return the title of a level: target, number of parts, means of metrics (``usual``: default ones)."""
+    """Return the title of a level: target, part count, metric means (``usual``: default ones)."""
     line = level.line
     parts = f"{line['parts']:,} part{'s' if line['parts'] != 1 else ''}"
     target = line["target"]

@@ -46,7 +46,7 @@ def nearest_faces(corners, offsets, faces, planes, width, height):
     faces : (m,) int64
         Faces to draw, convex or not. Among equally near faces, the first is seen.
     planes : (f, 3) float64
-        Face f has the depth ``planes[f] @ (1, x, y)``, clipped to the depths of its corners.
+        Face f has the depth ``planes[f] @ (1, x, y)``, clipped to its corner depths.
     width, height : int
 
     Returns

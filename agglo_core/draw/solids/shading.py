@@ -1,4 +1,4 @@
-"""Shading of visible surfaces: light, outlines of parts, edges of cells."""
+"""Shading of visible surfaces: light, part outlines, cell edges."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _steps(surface: Surface, sight: Sight) -> Mask:
 
 
 def _widen_lines(lines: Mask, width: int) -> Mask:
-    """Widen lines of one-pixel width to ``width`` pixels."""
+    """Widen one-pixel lines to ``width`` pixels."""
     wide = lines.copy()
     for k in range(1, width):
         wide[k:] |= lines[:-k]

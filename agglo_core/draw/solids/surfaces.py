@@ -28,7 +28,7 @@ class Surface:
         Face f has the corners ``corners[offsets[f]:offsets[f + 1]]``, relative to the mesh centre.
     offsets : (f + 1,) int
     cells, parts : (f,) int
-        Inner cell of each face, and its part.
+        Inner cell per face, and its part.
     normals : (f, 3) float
         Outward unit normals.
     """
@@ -80,7 +80,7 @@ def outer_faces(mesh: Mesh, labels: Int, explode: float = 0.0, kept: Mask | None
     mesh : Mesh
         3-D mesh.
     labels : (n_cells,) int
-        Part of each cell.
+        Part per cell.
     explode : float
         Each part is moved by this factor times the vector from the mesh centre to its centroid.
     kept : (n_cells,) bool, optional
@@ -160,9 +160,9 @@ def project_surface(surface: Surface, side: tuple[float, float] = SIDE, pixels: 
 
 
 def _planes(corners: Float, offsets: Int, normals: Float) -> Float:
-    """Return the depth of each face as a linear function of x and y: coefficients ``(f, 3)``.
+    """Return the depth per face as a linear function of x and y: coefficients ``(f, 3)``.
 
-    The plane of a face passes through the mean of its corners.
+    A face's plane passes through the mean of its corners.
     """
     middle = np.add.reduceat(corners, offsets[:-1]) / np.diff(offsets)[:, None]
     slope = -normals[:, :2] / np.where(np.abs(normals[:, 2:]) > _EDGE_ON, normals[:, 2:], 1.0)

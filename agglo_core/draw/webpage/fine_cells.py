@@ -1,4 +1,4 @@
-"""Data of the fine mesh in the report: order of the cells, faces of a 2-D mesh, tags."""
+"""Data of the fine mesh in the report: cell order, 2-D mesh faces, tags."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def order_along_curve(mesh: Mesh) -> Int:
 def plane_faces(mesh: Mesh, order: Int) -> dict[str, Any]:
     """Return the faces of a 2-D mesh in compact form, for cells sorted by ``order``.
 
-    ``low`` is the position of the cell on the left of each face. ``gap`` is the distance in the order to the
-    cell on its right, 0 for the outside. ``ends`` are the points of each face, counted back from the next new
+    ``low`` is the position of each face's left cell. ``gap`` is the distance in the order to the
+    cell on its right, 0 for the outside. ``ends`` are each face's points, counted back from the next new
     point. ``x`` and ``y`` are point coordinates in units of ``step`` from the lower left corner.
     """
     # Orient the faces from the earlier to the later cell, and sort them.

@@ -1,4 +1,4 @@
-"""Compression of arrays in the report: smallest sufficient type, deflate, base64.
+"""Array compression in the report: smallest sufficient type, deflate, base64.
 
 ``data.js`` unpacks them.
 """

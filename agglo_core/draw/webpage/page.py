@@ -1,4 +1,4 @@
-"""HTML report from a template, a style, scripts and the data of runs."""
+"""HTML report from a template, a style, scripts and run data."""
 
 from __future__ import annotations
 

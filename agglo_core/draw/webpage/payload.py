@@ -26,7 +26,7 @@ def payload(mesh: Mesh, runs: Sequence[RunResult], note: str = "") -> dict[str, 
 
     Exceptions are those of :func:`write_page`.
 
-    A 2-D mesh is stored as points and faces, a solid as stills from several sides. Data of cells (labels,
+    A 2-D mesh is stored as points and faces, a solid as stills from several sides. Cell data (labels,
     tags) are stored once, sorted by ``order``. Entry k of ``order`` is the cell number.
     """
     if all(run.hierarchy is None for run in runs):
@@ -54,7 +54,7 @@ def _levels(runs: Sequence[RunResult]) -> list[Level]:
 
 
 def _axes(runs: Sequence[RunResult]) -> list[dict[str, Any]]:
-    """Return the metrics with limits of their axes: 0 and 1 if all values are between, else the extrema."""
+    """Return the metrics with their axis limits: 0 and 1 if all values are between, else the extrema."""
     names = dict.fromkeys(name for level in _levels(runs) for name in level.metrics if name in level.values)
     axes = []
     for name in names:

@@ -85,7 +85,7 @@ class _Frame:
         return _TOP + share * (_HEIGHT - _TOP - _BOTTOM)
 
     def axes(self) -> Iterator[str]:
-        """Yield the SVG elements of grid, ticks and tolerances."""
+        """Yield SVG elements for grid, ticks and tolerances."""
         for power in range(self.low, self.high + 1):
             y = self.y(10.0**power)
             yield _line(_LEFT, y, _RIGHT, y, _GRID)
@@ -107,7 +107,7 @@ class _Frame:
             yield f'<text x="{_LEFT + 1:.2f}%" y="{y - 4:.1f}">tolerance {tolerance:g}</text>'
 
     def curve(self, sizes: Float, colour: str, dashed: bool = False) -> Iterator[str]:
-        """Yield the SVG elements of a curve through its finite values, with marks if there are few."""
+        """Yield the SVG elements for a curve through its finite values, with marks if there are few."""
         steps = np.flatnonzero(np.isfinite(sizes))
         if len(steps) > _MOST:
             steps = steps[np.unique(np.linspace(0, len(steps) - 1, _MOST).astype(int))]
