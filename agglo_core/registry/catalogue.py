@@ -50,7 +50,7 @@ class _Plugin:
 class Registry:
     """Table of all components and commands by name, with their states (usable, broken, …).
 
-    States are computed on access, so that the order of registration does not matter.
+    States are computed on access, so that the registration order does not matter.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class Registry:
                 detach(self._manager, plugin.plugin)
 
     def records(self) -> Records:
-        """Return the records of all components, failed plugins and commands, with their states.
+        """Return records for all components, failed plugins and commands, with their states.
 
         This method never fails.
         """
@@ -119,12 +119,12 @@ class Registry:
 
         This method never fails.
 
-        With a kind, only the components of that kind are listed.
+        With a kind, only components of that kind are listed.
         """
         return [record for record in self._records(kind) if record.command is None]
 
     def commands(self) -> Records:
-        """List the commands of all plugins, with their states."""
+        """List all plugins' commands, with their states."""
         return [record for record in self._records() if record.command is not None]
 
     def build(self, kind: str, name: str, /, **options: Any) -> Any:
@@ -216,7 +216,7 @@ class Registry:
             self._load(entry)
 
     def _load(self, entry: Found) -> None:
-        """Import an installed plugin and store the records of its components and commands.
+        """Import an installed plugin and store its component and command records.
 
         A failure is stored as the reason why the plugin is broken.
 
@@ -244,7 +244,7 @@ class Registry:
         self._add(origin, plugin, declared, problem)
 
     def _add(self, origin: Record, plugin: object, declared: Declared, problem: str) -> None:
-        """Store the records of the components and commands that a plugin declares.
+        """Store records for the components and commands that a plugin declares.
 
         Faulty records, or all in case of a ``problem``, are broken.
         """

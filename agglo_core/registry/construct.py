@@ -1,4 +1,4 @@
-"""Construction of a component: import of its class, check of the options, call, check of the result."""
+"""Construction of a component: class import, option check, call, result check."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def construct(record: Record, options: Mapping[str, Any], registry: object = Non
 
 
 def check_options(record: Record, target: Any, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Check the options of a component, and convert them to the declared types.
+    """Check a component's options, and convert them to the declared types.
 
     Raises
     ------

@@ -26,7 +26,7 @@ class LoadingError(Exception):
 
 @contextmanager
 def contain_loading(what: str) -> Iterator[None]:
-    """Run code of a plugin, convert its exceptions to LoadingError, and keep its output off stdout.
+    """Run plugin code, convert its exceptions to LoadingError, and keep its output off stdout.
 
     Its output goes to stderr, or to the current redirection of stdout.
 

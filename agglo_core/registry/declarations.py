@@ -54,7 +54,7 @@ class Component:
     fallback : str, optional
         For a bisector with possibly one-sided output: the bisector that splits the piece instead.
     suffixes : tuple of str
-        For a format: the suffixes of its files, in lower case with their dot, so that it is imported only for
+        For a format: its file suffixes, in lower case with their dot, so that it is imported only for
         such files. A format without declared suffixes is built to read its attribute ``suffixes``.
     magic : str
         For a format with ``suffixes``: a regular expression of bytes (as Latin-1). Files with another suffix
@@ -101,12 +101,12 @@ class Hooks:
 
     @hookspec
     def agglo_components(self) -> list[Component]:
-        """Return the components of the plugin."""
+        """Return the plugin's components."""
         raise NotImplementedError
 
     @hookspec
     def agglo_commands(self) -> list[Command]:
-        """Return the commands of the plugin for the command line."""
+        """Return the plugin's commands for the command line."""
         raise NotImplementedError
 
     @hookspec

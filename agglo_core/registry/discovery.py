@@ -57,7 +57,7 @@ def find_entry_points() -> Iterator[Found]:
 
 
 def version_of(distribution: str) -> str:
-    """Return the version of an installed distribution, or ``0+unknown`` for a source tree."""
+    """Return an installed distribution's version, or ``0+unknown`` for a source tree."""
     try:
         return metadata.version(distribution)
     except metadata.PackageNotFoundError:
@@ -65,7 +65,7 @@ def version_of(distribution: str) -> str:
 
 
 def attach(manager: pluggy.PluginManager, plugin: object, key: str) -> tuple[list[Component | Command], str]:
-    """Register the hooks of a plugin, and collect the components and commands they declare.
+    """Register a plugin's hooks, and collect the components and commands they declare.
 
     Return the declarations, and the reason if the plugin is broken (or ``""``).
 
@@ -90,13 +90,13 @@ def attach(manager: pluggy.PluginManager, plugin: object, key: str) -> tuple[lis
 
 
 def detach(manager: pluggy.PluginManager, plugin: object) -> None:
-    """Unregister the hooks of a plugin, if they are registered."""
+    """Unregister a plugin's hooks, if they are registered."""
     if manager.is_registered(plugin):
         manager.unregister(plugin)
 
 
 def _find_hook_fault(manager: pluggy.PluginManager, plugin: object) -> str:
-    """Return the reason why hooks of a plugin would never be called, or ``""`` if there is none.
+    """Return the reason why a plugin's hooks would never be called, or ``""`` if there is none.
 
     Reasons are a misspelt hook, a missing mark, or no hook at all.
     """
@@ -119,7 +119,7 @@ def _find_hook_fault(manager: pluggy.PluginManager, plugin: object) -> str:
 def _collect_declarations(
     manager: pluggy.PluginManager, plugin: object, key: str
 ) -> tuple[list[Component | Command], str]:
-    """Call the hooks of a plugin to collect the components and commands it declares.
+    """Call a plugin's hooks to collect the components and commands it declares.
 
     Return their declarations, and the first fault, or ``""``.
     """

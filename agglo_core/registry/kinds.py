@@ -1,9 +1,9 @@
-"""Kinds of components: the methods, properties and laws of bisectors, refiners, solvers and others.
+"""Component kinds: the methods, properties and laws of bisectors, refiners, solvers and others.
 
-A new kind requires a new record here and a file of laws.
+A new kind requires a new record here and a law file.
 
-:mod:`agglo_core.protocols` defines the behaviour of each kind. The records here contain the checks of the
-registry at construction, the laws of each kind, and the applicable promises.
+:mod:`agglo_core.protocols` defines each kind's behaviour. The records here contain the checks of the
+registry at construction, each kind's laws, and the applicable promises.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Kind:
     promises : tuple of str
         Promises that some law of the kind can check.
     laws : tuple of str
-        Files of laws in ``agglo_core/conformance/laws`` for this kind.
+        Law files in ``agglo_core/conformance/laws`` for this kind.
     attributes : mapping of str to type
         Other necessary attributes.
 

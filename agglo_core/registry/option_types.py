@@ -1,4 +1,4 @@
-"""Types of options: test and conversion of values, and description of a type in words."""
+"""Option types: test and conversion of values, and type description in words."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _WORDS_OF: dict[Any, str] = {
 
 
 class Text(str):
-    """A value typed by the user, not yet converted to the type of its option."""
+    """A value typed by the user, not yet converted to its option type."""
 
     __slots__ = ()
 

@@ -1,6 +1,6 @@
-"""Options of components, derived from the signature of their class: names, types, check of values.
+"""Component options, derived from the class signature: names, types, checks.
 
-An option is a keyword of the constructor. Its type is the annotation: bool, int, float, str, ``Literal[…]``,
+An option is a constructor keyword. Its type is the annotation: bool, int, float, str, ``Literal[…]``,
 an Enum, Path, a tuple of these, or a union, also with None. The default always fits: ``int = None`` accepts
 None. The same rules apply on the command line (where every value is a text), in TOML and in Python. An
 :data:`~agglo_core.registry.code_options.ImportPath` is a text that refers to code, allowed in a TOML file
@@ -40,7 +40,7 @@ class Option:
     default : object
         ``inspect.Parameter.empty`` for required options.
     about : str
-        One line from the docstring of the component.
+        One line from the component docstring.
     """
 
     name: str
@@ -117,7 +117,7 @@ def name_and_options(kind: str, choice: tuple[Any, ...]) -> tuple[str, Mapping[s
 
 
 def convert(option: Option, value: Any, owner: str) -> Any:
-    """Convert a value to the type of the option.
+    """Convert a value to the option type.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def convert(option: Option, value: Any, owner: str) -> Any:
 
 
 def _annotation(target: Callable[..., Any], parameter: inspect.Parameter) -> Any:
-    """Return the type annotation of a parameter.
+    """Return a parameter's type annotation.
 
     A string annotation is evaluated; the result is empty if the evaluation fails.
     """

@@ -57,7 +57,7 @@ class Record:
 
     @property
     def kind(self) -> str:
-        """Kind of the component, ``"command"``, or ``"plugin"`` for a failed plugin."""
+        """Component kind, ``"command"``, or ``"plugin"`` for a failed plugin."""
         if self.component is not None:
             return self.component.kind
         return "plugin" if self.command is None else "command"
@@ -130,7 +130,7 @@ class Installed:
         return self._modules[top]
 
     def extras(self, distribution: str) -> dict[str, set[str]]:
-        """Return the packages in each extra (optional dependency group) of a distribution, in metadata order.
+        """Return a distribution's packages in each extra (optional dependency group), in metadata order.
 
         The result is empty for an unknown distribution.
         """
@@ -159,7 +159,7 @@ def _is_importable(module: str) -> bool:
 
 
 def _remedy(record: Record, missing: Sequence[str], installed: Installed) -> str:
-    """Return the ``pip install`` command that supplies the missing packages of a component.
+    """Return the ``pip install`` command that supplies a component's missing packages.
 
     It names the plugin's own extra, else another sufficient extra, else the packages.
     """
