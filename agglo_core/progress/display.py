@@ -1,4 +1,4 @@
-"""Display of progress: a bar in a terminal, an updated line in a notebook, occasional lines elsewhere."""
+"""Progress display: a bar in a terminal, an updated line in a notebook, occasional lines elsewhere."""
 
 from __future__ import annotations
 

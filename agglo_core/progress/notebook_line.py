@@ -1,4 +1,4 @@
-"""Display of progress in notebooks: one line in the cell output, updated during the computation."""
+"""Progress display in notebooks: one line in the cell output, updated during the computation."""
 
 from __future__ import annotations
 

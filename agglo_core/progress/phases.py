@@ -26,7 +26,7 @@ class Progress:
     fraction : float
         Completed share of the phase: 0 at the beginning, 1 at the end, non-decreasing.
     text : str
-        Details, such as the number of pieces, a metric or a file.
+        Details, such as the piece count, a metric or a file.
 
     Examples
     --------
