@@ -1,4 +1,4 @@
-"""Protocols: the methods and attributes of each kind of component.
+"""Protocols: methods and attributes of each component kind.
 
 Components need no base class: any class with the methods is a component. :mod:`agglo_core.registry.kinds`
 lists the kinds, and the checks at construction.

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Target:
-    """Target of a split or refinement: a number of parts, a maximum diameter, or both.
+    """Target of a split or refinement: a part count, a maximum diameter, or both.
 
     Attributes
     ----------
     parts : int, optional
-        Number of parts of the whole graph.
+        Part count of the whole graph.
     h_star : float, optional
-        Maximum diameter of a part, in the units of the graph.
+        Maximum part diameter, in the graph's units.
 
     Examples
     --------
@@ -58,7 +58,7 @@ class Bisector(Protocol):
     """
 
     def bisect(self, graph: Graph, rng: np.random.Generator) -> Sides:
-        """Return the side of each node, shape ``(n,)``.
+        """Return the side per node, shape ``(n,)``.
 
         Both sides are non-empty for n >= 2.
         """
@@ -82,7 +82,7 @@ class LevelBisector(Protocol):
     """
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Sides:
-        """Return the side of each node, shape ``(n,)``.
+        """Return the side per node, shape ``(n,)``.
 
         ``seeds`` is ``(B,)``, one per block.
         """
@@ -114,7 +114,7 @@ class UnevenBisector(Protocol):
     """
 
     def bisect_shares(self, level: Graph, seeds: UInt64, shares: Float) -> Sides:
-        """Return the side of each node, shape ``(n,)``.
+        """Return the side per node, shape ``(n,)``.
 
         One side of block b holds ``shares[b] < 1/2``.
 
@@ -201,7 +201,7 @@ class Refiner(Protocol):
 
 @runtime_checkable
 class ConnectivityFixer(Protocol):
-    """Component that makes every part connected, and keeps the set of labels of each block.
+    """Component that makes every part connected, and keeps each block's label set.
 
     Examples
     --------

@@ -22,7 +22,7 @@ class QualityMetric(Protocol):
     The following attributes are optional and false by default. ``undefined``: some agglomerates have no value
     (NaN); reports count them, and means exclude them. ``directional``: values depend on the directions of the
     axes. ``relative``: values depend on distant agglomerates, like diam(P) / h. ``shape_only``: values depend
-    neither on the cells of an agglomerate nor on the division of its outline into edges.
+    neither on an agglomerate's cells nor on the division of its outline into edges.
 
     Examples
     --------
@@ -44,7 +44,7 @@ class QualityMetric(Protocol):
     homogeneity: int
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Return the value of each agglomerate, shape ``(k,)`` for labels ``0..k-1``."""
+        """Return the value per agglomerate, shape ``(k,)`` for labels ``0..k-1``."""
 
 
 @runtime_checkable
@@ -72,7 +72,7 @@ class IncrementalMetric(Protocol):
         """Return the change of the sum of all values ``(q,)`` by each move of one cell to another part.
 
         Move i takes ``cells[i]`` to ``parts[i]``, and leaves all other cells in place. ``labels (n,)`` number
-        the parts of all blocks, 0..k-1; ``cells`` and ``parts`` are ``(q,)``.
+        all blocks' parts, 0..k-1; ``cells`` and ``parts`` are ``(q,)``.
         """
 
 
