@@ -38,11 +38,11 @@ class Level:
     values : mapping of name to (k,) float
         ``cells``, ``diameter``, ``measure``, the metric values, ``components``.
     metrics : sequence of str
-        Names of the selected metrics. If a metric does not exist on the mesh, ``values`` lacks its name.
+        Selected metric names. If a metric does not exist on the mesh, ``values`` lacks its name.
     objectives : mapping of name to float
-        Values of the selected objectives.
+        Selected objective values.
     better : mapping of name to "high" or "low"
-        Preferred direction of each metric.
+        Preferred direction per metric.
 
     Examples
     --------
@@ -111,7 +111,7 @@ def quality(
     ----------
     mesh : Mesh
     labels : (n_cells,) int
-        Agglomerate of each cell, 0..k−1.
+        Agglomerate per cell, 0..k−1.
     metrics : iterable
         Names, ``(name, options)`` pairs or metric objects (keyed by class name).
     registry : Registry, optional
@@ -165,7 +165,7 @@ def measure_levels(
     registry : Registry, optional
         Registry for name look-up. Default: the installed plugins.
     metrics : iterable, optional
-        As for :func:`quality`, including names of objectives. Default: UF, CR, CRc, J and isoperimetric.
+        As for :func:`quality`, including objective names. Default: UF, CR, CRc, J and isoperimetric.
     progress, verbose : optional
         As for :func:`agglo_core.agglomerate`.
 
@@ -217,7 +217,7 @@ def summary(
     registry: Registry | None = None,
     metrics: Iterable[Metric] | None = None,
 ) -> list[dict[str, Any]]:
-    """Return a summary of each level as a dict, finest first: :attr:`Level.line`.
+    """Return a summary per level as a dict, finest first: :attr:`Level.line`.
 
     The arguments follow :func:`measure_levels`.
 

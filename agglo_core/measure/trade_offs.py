@@ -70,7 +70,7 @@ class TradeOffs:
 
     @property
     def labels(self) -> list[str]:
-        """Names of the runs, with the part count if it differs between runs."""
+        """Run names, with the part count if it differs between runs."""
         if len(set(self.parts)) < 2:
             return list(self.names)
         return [f"{name}, K = {parts}" for name, parts in zip(self.names, self.parts, strict=True)]
@@ -106,7 +106,7 @@ def trade_offs(runs: Sequence[RunResult]) -> TradeOffs:
     """Compare runs on one mesh by roundness and evenness of their finest levels, and by run time.
 
     Roundness is the mean CR, or the mean J if CR is missing, or else the mean of the first selected metric,
-    with the preferred direction of the metric. Evenness is the mean diameter over h* if all runs have a size,
+    with the metric's preferred direction. Evenness is the mean diameter over h* if all runs have a size,
     else the coefficient of variation of part measures.
 
     Raises
