@@ -259,7 +259,7 @@ def label_order(labels: Int) -> Int:
 
 
 def index_cast(values: NDArray[Any], most: int) -> NDArray[Any]:
-    """Copy index arrays of a sparse matrix, as int32 if the largest index ``most`` fits (scipy's rule)."""
+    """Copy a sparse matrix's index arrays, as int32 if the largest index ``most`` fits (scipy's rule)."""
     return values.astype(np.int32 if most <= np.iinfo(np.int32).max else np.int64)
 
 

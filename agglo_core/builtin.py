@@ -172,7 +172,7 @@ _CONSTRAINTS = {
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Return the declarations of all built-in components."""
+    """Return all built-in component declarations."""
     own = (_refiners, _bisectors, _constraints, _metrics, _formats, _samples, _problems)
     parts = (*own, _smoothers, _multigrid, _solvers, _sections)
     return [component for each in parts for component in each()]

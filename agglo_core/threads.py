@@ -1,4 +1,4 @@
-"""Number of threads, and parallel execution of calls.
+"""Thread count, and parallel execution of calls.
 
 Results never depend on the number.
 """
@@ -23,7 +23,7 @@ _few: ContextVar[int | None] = ContextVar("few", default=None)
 
 
 def thread_count() -> int:
-    """Return the number of threads: from :func:`using_threads`, else from AGGLO_THREADS, else 1.
+    """Return the thread count: from :func:`using_threads`, else from AGGLO_THREADS, else 1.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def thread_count() -> int:
 
 @contextmanager
 def using_threads(count: int | None, few: int | None = None) -> Iterator[None]:
-    """Use this number of threads within the context.
+    """Use this many threads within the context.
 
     None leaves the number unchanged.
 
@@ -56,7 +56,7 @@ def using_threads(count: int | None, few: int | None = None) -> Iterator[None]:
     ----------
     count : int or None
     few : int, optional
-        Minimum number of items per thread, instead of the default of each computation; for tests.
+        Minimum item count per thread, instead of each computation's default; for tests.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def mapped(call: Callable[..., _Result], *columns: Iterable[Any]) -> Iterator[_R
     """Yield results in order as :func:`map` does, but compute them in parallel threads.
 
     The threads end with the iteration. An exception of a call reaches the caller; afterwards, or if the
-    caller stops early, pending calls are dropped. Inside calls the number of threads is 1.
+    caller stops early, pending calls are dropped. Inside calls the thread count is 1.
 
     Examples
     --------
@@ -114,9 +114,9 @@ def ranges(n: int, *, few: int = _FEW, shares: int = 4, work: int | None = None)
     Parameters
     ----------
     n : int
-        Number of items.
+        Item count.
     few : int
-        Minimum number of items per range, below which threads cost more than they save.
+        Minimum item count per range, below which threads cost more than they save.
     shares : int
         Ranges per thread, because some may take longer than others; 1 if each needs a large workspace.
     work : int, optional
@@ -162,9 +162,9 @@ def over_ranges(
 
 
 def together(n: int, *calls: Callable[[], Any]) -> list[Any]:
-    """Execute independent calls, in parallel if the number n of items is large.
+    """Execute independent calls, in parallel if the item count n is large.
 
-    The results are returned in the order of the calls.
+    The results are returned in call order.
 
     Examples
     --------
