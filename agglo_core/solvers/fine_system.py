@@ -50,7 +50,7 @@ class FineSystem(NamedTuple):
     def solution(
         self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch, tolerance: float
     ) -> Solution:
-        """Build the solution of A x = ``full`` from an iteration history for A x = b."""
+        """Build the solution for the given load from the history of the iteration without lifted data."""
         x = x_rest = self._solution_of_problem(history.x)
         lifting = None
         if self.offset is not None:

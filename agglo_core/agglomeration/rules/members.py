@@ -28,7 +28,7 @@ of larger measure counts as larger, independent of the axes."""
 
 @dataclass(frozen=True)
 class Rules(Keywords):
-    """Rules for parts, given by keywords or as components."""
+    """Rules for parts, such as regions and bounds, given by keywords or as components."""
 
     @property
     def bounds_weights(self) -> bool:
