@@ -124,7 +124,7 @@ def test_the_command_solves_as_in_one_process(alone, size, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("-o", "u.vtu"), "u.vtu: what lies on several ranks is written as .pvtu, not '.vtu'"),
+        (("-o", "u.vtu"), "u.vtu: distributed meshes and solutions are written as .pvtu, given '.vtu'"),
         (("--plot", "u.png"), "--plot cannot be used on a mesh distributed over several processes"),
         (("--levels", "9"), "levels = 9, but with the mesh there are 4"),
     ],
