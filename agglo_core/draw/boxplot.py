@@ -23,7 +23,7 @@ def draw_boxes(
     metrics: Sequence[str] = ("UF", "CR"),
     title: str = "",
 ) -> None:
-    """Draw box plots of quality metrics, one panel per metric with one box per run, and write the picture.
+    """Draw box plots of metrics, one panel per metric with one box per run, to a file.
 
     Boxes span the quartiles, whiskers reach 1.5 box lengths further, lines are medians, diamonds means.
 

@@ -18,7 +18,7 @@ from agglo_core.shapes.metrics import UniformityFactor
 def means(
     coarse: DistributedMesh, components: Int, metrics: Iterable[Metric], registry: Registry | None
 ) -> dict[str, float]:
-    """Return the mean of each metric over the parts of all ranks, or NaN where no part has a value.
+    """Return the mean of each metric over all parts, or NaN where no part has a value.
 
     Parameters
     ----------

@@ -100,7 +100,7 @@ def evaluate_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Regis
 
 
 def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:
-    """Yield the constraints of the run one by one, so that an error in one does not affect the others."""
+    """Yield the constraints of the run, such that an error in one does not affect the others."""
     for each in pipeline.constraints:
         yield Rules(constraints=(each,))
     for name in ("regions", "barriers", "where", "boundary_rules"):

@@ -56,7 +56,7 @@ def write_agreed(folder: Path, stem: str, piece: Piece, ranks: Ranks, *, compres
 
 
 def _usual_tags(mesh: DistributedMesh) -> dict[str, int]:
-    """Return for each face tag the value omitted in files: the most common on the first rank with cells."""
+    """Return the omitted value per face tag: the most common on the first rank with cells."""
     with mesh.ranks.together():
         own = usual_values(mesh.local) if len(mesh.own) else None
     found = [usual for usual in mesh.ranks.gathered(own) if usual is not None]

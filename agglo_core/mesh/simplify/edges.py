@@ -51,7 +51,7 @@ def fewer_edges(mesh: Derived, tags: Mapping[str, Int], tolerance: float) -> Few
 
 
 def _directed_edges(mesh: Derived) -> tuple[Int, Int]:
-    """Orient the edges such that the cell with the larger index is on the left, as tails and heads."""
+    """Return tails and heads of the edges, with the higher-numbered cell on the left."""
     owner, other = mesh.face_cells.T
     pairs = np.where((owner > other)[:, None], mesh.face_pairs, mesh.face_pairs[:, ::-1])
     return frozen_int(pairs[:, 0]), frozen_int(pairs[:, 1])

@@ -63,7 +63,7 @@ def _beside(cells, state, i, work):
 
 @helper
 def _best_move(cells, state, bounds, price, i, work):
-    """Find the part in the slice to which moving cell i lowers the objective most, or −1 if there is none.
+    """Find the part in the slice to which cell i moves with most gain, or −1 if none.
 
     Returns the part, the changes in inertia and interface, and True if the cell is adjacent to parts of its
     block beyond the slice. The ``price`` is the inertia equivalent of interface 1. ``bounds`` are the first
