@@ -79,12 +79,8 @@ def compile_listed(folder: Path, signatures: Iterable[Signature]) -> list[str]:
 
 def _compile(signature: Signature, folder: Path) -> None:
     kernel = signature.kernel()
-    types = signature.types()
     kernel._cache.write_to(folder)
-    if types in kernel.overloads:  # compiled in this process, as part of another kernel
-        kernel._cache.save_overload(types, kernel.overloads[types])
-    else:
-        kernel.compile(types)
+    kernel.compile(signature.types())
 
 
 if __name__ == "__main__":

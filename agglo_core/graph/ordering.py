@@ -19,7 +19,7 @@ def curve_order(centroids: Float) -> Int:
     >>> curve_order(np.array([[1.0, 1.0], [0.0, 0.0], [0.1, 0.0]]))
     array([1, 2, 0])
     """
-    from agglo_core.graph.curve_keys import curve_keys
+    from agglo_core.compiled.curve_keys import curve_keys
 
     keys = np.empty(len(centroids), np.uint64)
     curve_keys(frozen_float(centroids), keys)

@@ -23,9 +23,9 @@ from scipy.spatial.distance import pdist
 from agglo_core import Graph, Mesh, samples
 from agglo_core.agglomeration.halves import broken_halves
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int, splitmix
+from agglo_core.compiled.curve_keys import curve_keys
 from agglo_core.compiled.geometry import block_diameters, compare_diameters
 from agglo_core.compiled.graphs import broken_blocks, child_order, components, take_rows
-from agglo_core.graph.curve_keys import curve_keys
 from agglo_core.graph.ordering import curve_order
 from agglo_core.mesh.geometry.loops import faces_of_cells
 from agglo_core.mesh.kernels.face_sums import add_faces
