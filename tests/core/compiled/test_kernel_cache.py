@@ -450,6 +450,19 @@ def test_what_is_listed_are_kernels_with_arguments() -> None:
         assert len(one.types()) == function.__code__.co_argcount, one
 
 
+BUILD = """
+import sys
+sys.modules |= dict.fromkeys(("scipy", "sklearn", "networkx", "shapely", "matplotlib", "click"))
+from agglo_core.compiled.ahead_of_time import read_signatures
+for signature in read_signatures():
+    signature.kernel()
+"""
+
+
+def test_listed_kernels_import_with_the_requirements_of_the_build(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-c", BUILD], check=True, cwd=tmp_path)
+
+
 def test_a_kernel_that_does_not_compile_is_reported(tmp_path: Path) -> None:
     wrong = read_signatures()[-1]._replace(arguments="(int64,)")
     (line,) = compile_listed(tmp_path, [wrong])
