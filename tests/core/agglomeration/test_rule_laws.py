@@ -24,7 +24,7 @@ def made(mesh, options, rules):
     try:
         return agglo.agglomerate(mesh, **options, **rules)
     except OptionError as error:
-        if "n_parts" not in options or not re.match("too few parts|found no", str(error)):
+        if "n_parts" not in options or not re.match("too few parts|cannot find", str(error)):
             raise
         return None
 
