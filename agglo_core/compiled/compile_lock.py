@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 from pathlib import Path
 
 try:
@@ -38,7 +39,9 @@ def acquire(file: Path) -> None:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             time.sleep(_INTERVAL)
-        except OSError:
+        except OSError:  # no locks on this file system
+            with suppress(OSError):
+                file.unlink()
             break
         else:
             _held[file] = descriptor
@@ -50,7 +53,8 @@ def release(file: Path) -> None:
     """Unlock and remove a file that :func:`acquire` has locked."""
     descriptor = _held.pop(file, None)
     if descriptor is not None:
-        file.unlink(missing_ok=True)
+        with suppress(OSError):  # the folder may have been removed or write-protected meanwhile
+            file.unlink()
         fcntl.flock(descriptor, fcntl.LOCK_UN)  # forked processes may share the descriptor
         os.close(descriptor)
 

@@ -18,7 +18,7 @@ import pytest
 from numba import int64
 from numba.core.errors import TypingError
 
-from agglo_core.compiled import kernel, kernel_cache
+from agglo_core.compiled import compile_lock, kernel, kernel_cache
 from agglo_core.compiled.ahead_of_time import compile_listed, read_signatures
 from agglo_core.compiled.kernel_cache import KernelCache, source_stamp, sources
 from agglo_core.lazy_names import names_in_stub
@@ -333,6 +333,16 @@ def test_a_kernel_that_does_not_compile_stays_unlocked(
         with pytest.raises(TypingError, match="No implementation of function"):
             added(1)
     assert not list(tmp_path.rglob("*.lock"))
+
+
+def test_a_lock_in_a_removed_folder_is_released(tmp_path: Path) -> None:
+    file = tmp_path / "kernels" / "one.lock"
+    for _ in range(2):
+        file.parent.mkdir()
+        compile_lock.acquire(file)
+        assert file.exists()
+        shutil.rmtree(file.parent)
+        compile_lock.release(file)
 
 
 FULL = """
