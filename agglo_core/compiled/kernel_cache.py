@@ -133,6 +133,7 @@ class KernelCache(FunctionCache):
         self._stamp = source_stamp(file) if file.is_file() else self._impl.locator.get_source_stamp()
         self._cache_file: _CacheFiles = self._files_in(Path(self._cache_path))
         self._installed = self._files_in(installed)
+        self._attempted: set[Any] = set()  # signatures that this process has begun to compile
 
     @property
     def cache_path(self) -> str | None:
@@ -150,7 +151,9 @@ class KernelCache(FunctionCache):
         if data is not None:
             return self._impl.rebuild(target_context, data)
         found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-        if found is None and self.cache_path is not None:
+        # Numba does not compile again what failed once, so that a second lock would never be released.
+        if found is None and self.cache_path is not None and key not in self._attempted:
+            self._attempted.add(key)
             with suppress(OSError):  # save_overload reports folders that cannot be written to
                 self._impl.locator.ensure_cache_path()
             compile_lock.acquire(self._cache_file.lock(key))
