@@ -18,7 +18,8 @@ _MOST = 5_000  # maximum unknowns of a dense inverse: 200 MB, about 20 seconds
 _ROUNDING = 3e-15
 """Null-space bound: eigenvalues below this times n, for a matrix of size n with unit diagonal."""
 _SHIFT = 1e-11
-"""Shift of the unit diagonal for singular matrices too large for an inverse. Two refinements correct it."""
+"""Shift of the unit diagonal for singular matrices too large for an inverse. Two refinements correct it.
+Benchmark: benchmarks/constants.py."""
 
 
 def direct_solver(A: Any, dtype: Any = np.float64, dense: int = 1500) -> Solve:

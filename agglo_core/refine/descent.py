@@ -20,6 +20,7 @@ _FLOOR = 0.85
 part's).
 
 A larger value keeps parts more equal, but forbids more moves.
+Benchmark: benchmarks/constants.py.
 """
 _NOISE = 1e-9
 """Relative tolerance: changes below this fraction of the block's largest change count as rounding."""

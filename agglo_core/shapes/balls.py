@@ -39,7 +39,7 @@ _FINEST = 1e-9  # relative to the diameter: smallest gain searched for, and radi
 _CONVEX = 64  # number of triangles up to which convexity is tested, in quadratic time
 _LARGE = 0.4  # half diagonal of a box over the best radius, above which planes are tried only if thin
 _THIN = 2.2  # ratio of the longest to the shortest box side, above which planes are tried at any size
-_LISTED = 6  # number of triangle blocks up to which lists are not copied
+_LISTED = 6  # number of triangle blocks up to which lists are not copied (benchmarks/constants.py)
 
 
 @helper

@@ -37,11 +37,14 @@ from agglo_core.shapes.inscribed_2d import (
 _MANY = 256  # number of edges above which nearly straight chains are replaced by single edges
 _SAG = 4e-5  # relative to half the shorter bounding-box side: largest deviation of a chain from its edge
 _CONVEX = 32  # number of edges up to which convexity is tested, in quadratic time
-_LISTED = 64  # number of edges up to which the best average of distances is searched in a box
-_SHORT = 32  # number of edges up to which lists are not copied
-_LONG = 4.0  # bounding-box side ratio above which trapezoids are tried first
-_FEW = 16  # number of promising trapezoids up to which they replace the box around the whole outline
-_THIN = 3.0  # box side ratio above which the choice of the halved axis matters
+# Number of edges up to which the best average of distances is searched in a box (benchmarks/constants.py)
+_LISTED = 64
+_SHORT = 32  # number of edges up to which lists are not copied (benchmarks/constants.py)
+_LONG = 4.0  # bounding-box side ratio above which trapezoids are tried first (benchmarks/constants.py)
+# Number of promising trapezoids up to which they replace the box around the whole outline
+# (benchmarks/constants.py)
+_FEW = 16
+_THIN = 3.0  # box side ratio above which the choice of the halved axis matters (benchmarks/constants.py)
 
 
 @helper

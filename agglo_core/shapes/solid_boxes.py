@@ -10,7 +10,8 @@ from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.shapes.planar_shapes import narrowest, one_hull
 
 _TIE = 1e-9  # relative to a width: two widths this close count as equal, well above rounding
-_TIES = 64  # maximum number of equal-width directions considered, others are ignored
+# Maximum number of equal-width directions considered, others are ignored (benchmarks/constants.py)
+_TIES = 64
 _PARALLEL = 1e-9  # sine of the angle between two edges below which they have no common normal
 
 

@@ -40,7 +40,8 @@ _PART = 16.0
 """Approximate cell count of a finished piece, for the estimate of progress."""
 
 _ROOM = 256
-"""Minimum number of rows by which lists of pieces grow. Fewer rows cost more kernel calls."""
+"""Minimum number of rows by which lists of pieces grow. Fewer rows cost more kernel calls.
+Benchmark: benchmarks/constants.py."""
 
 _LAST_STAMP = 2**30
 """Beyond this stamp the 32-bit marks of the cells are reset, well before they overflow."""

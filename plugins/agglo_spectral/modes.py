@@ -15,7 +15,8 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from agglo_core.authoring import Float, Graph, Int, block_extents, block_shares, principal_frames
 
-_BATCH = 2**22  # entries in a stack of dense matrices, 32 MiB: larger stacks need more memory
+# Entries in a stack of dense matrices, 32 MiB: larger stacks need more memory (benchmarks/constants.py)
+_BATCH = 2**22
 # Shift of the Laplacian relative to the estimated lowest eigenvalue, which makes it regular. A larger shift
 # takes more sweeps, a smaller shift loses digits (benchmarks/solid_parts.py quality).
 _SHIFT = 1e-3
@@ -24,7 +25,8 @@ _SHIFT = 1e-3
 _FAR = 0.1
 _ROUNDING = 1e-13  # relative to the largest entry: least shift and residual
 _RESIDUAL = 1e-8  # relative to the lowest eigenvalue: largest residual of the wanted modes
-_SWEEPS = 200  # maximum number of subspace iterations; they end at the residual above
+# Maximum number of subspace iterations; they end at the residual above (benchmarks/constants.py)
+_SWEEPS = 200
 _WEAKEST = 1e-6  # relative to the mean edge weight in a block: lower bound for weights
 
 

@@ -25,6 +25,7 @@ STRONG = 4.0
 """Dimensionless ratio: couplings at least this many times the weakest coupling of both cells form lines.
 
 A larger value forms fewer and shorter lines, only where cells are thinner.
+Benchmark: benchmarks/constants.py.
 """
 
 

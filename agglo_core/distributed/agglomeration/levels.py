@@ -15,21 +15,26 @@ from agglo_core.distributed.communication import Traffic
 from agglo_core.progress import Tell
 
 _NODES_PER_PART = 32
-"""Minimum number of nodes per part of larger domains. Fewer nodes degrade shapes."""
+"""Minimum number of nodes per part of larger domains. Fewer nodes degrade shapes.
+Benchmark: benchmarks/constants.py."""
 
 _CELLS_PER_NODE = 16
-"""Maximum number of nodes per intermediate agglomerate. Larger: less to send, but worse shapes."""
+"""Maximum number of nodes per intermediate agglomerate. Larger: less to send, but worse shapes.
+Benchmark: benchmarks/constants.py."""
 
 _FEWEST_CELLS = 4
-"""Minimum number of nodes per intermediate agglomerate. Below, an intermediate level does not pay."""
+"""Minimum number of nodes per intermediate agglomerate. Below, an intermediate level does not pay.
+Benchmark: benchmarks/constants.py."""
 
 _SIZES_PER_PART = 4.0
-"""Intermediate agglomerates that fit in a row into a part at the target size. No node exceeds its part."""
+"""Intermediate agglomerates that fit in a row into a part at the target size. No node exceeds its part.
+Benchmark: benchmarks/constants.py."""
 
 _FEW_NODES = 4096
 """Number of nodes per domain up to which nodes are sent without intermediate agglomeration.
 
 Larger: better shapes, but more to send.
+Benchmark: benchmarks/constants.py.
 """
 
 

@@ -13,11 +13,13 @@ from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elements import gather
 from agglo_core.mesh.geometry.solid_cells import face_moments
 
-_CHUNK = 50_000  # faces per chunk of candidates; larger: more memory, fewer trees
+_CHUNK = 50_000  # faces per chunk of candidates; larger: more memory, fewer trees (benchmarks/constants.py)
 _OVERLAP = 1e-6  # share of the smaller face: minimum overlap, and tolerance for containment
 _BESIDE = 8, 1e-3  # tolerance in units of reach over size of the smaller face, and its maximum
-_LIFT = 0.3  # relative to the smaller radius: distance of a centre from the other plane (warped faces)
-_LAID = 3  # vertices of a tile that must lie on the edges of a warped face
+# Relative to the smaller radius: distance of a centre from the other plane (warped faces)
+# (benchmarks/constants.py)
+_LIFT = 0.3
+_LAID = 3  # vertices of a tile that must lie on the edges of a warped face (benchmarks/constants.py)
 
 
 class Outer(NamedTuple):

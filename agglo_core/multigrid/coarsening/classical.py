@@ -36,11 +36,14 @@ _FULL = 2.5
 """Maximum entries of a coarse matrix relative to the next finer matrix and to A.
 
 Above, smoothed aggregation continues. Larger: fewer iterations, but more memory and time per iteration.
+Benchmark: benchmarks/constants.py.
 """
 _NEGATIVE = 0.1
-"""A row is negative if its sum is below minus this fraction of its diagonal entry."""
+"""A row is negative if its sum is below minus this fraction of its diagonal entry.
+Benchmark: benchmarks/constants.py."""
 _MANY = 0.01
-"""Fraction of negative rows above which constants are not near-null, and are smoothed first."""
+"""Fraction of negative rows above which constants are not near-null, and are smoothed first.
+Benchmark: benchmarks/constants.py."""
 
 
 def classical_stack(

@@ -26,17 +26,21 @@ from agglo_core.problems.iteration_history import MET, TESTS, Ended, History
 from agglo_core.problems.residuals.sizes import Measure, size_ratio, two_norm
 
 _CONJUGATE = 0.3
-"""Bound of |zᵢ₊₁·rᵢ| / zᵢ₊₁·rᵢ₊₁, which is 0 for linear symmetric M. Above, a step is lost."""
+"""Bound of |zᵢ₊₁·rᵢ| / zᵢ₊₁·rᵢ₊₁, which is 0 for linear symmetric M. Above, a step is lost.
+Benchmark: benchmarks/constants.py."""
 _LOST = 4
-"""Number of lost steps, in total, that ends the iteration."""
+"""Number of lost steps, in total, that ends the iteration (benchmarks/constants.py)."""
 _DIGIT = 0.01
-"""A step that reduces z·r below this factor, a digit of the error, is never lost."""
+"""A step that reduces z·r below this factor, a digit of the error, is never lost.
+Benchmark: benchmarks/constants.py."""
 _DRIFT = 0.1
-"""Maximum relative drift of the recursive residual from b − A x. Above, the recursion restarts."""
+"""Maximum relative drift of the recursive residual from b − A x. Above, the recursion restarts.
+Benchmark: benchmarks/constants.py."""
 _LUCK = 2.0
-"""Sizes above this factor times the tolerance cannot pass the tests by a different rounding of x."""
+"""Sizes above this factor times the tolerance cannot pass the tests by a different rounding of x.
+Benchmark: benchmarks/constants.py."""
 _STILL = 3
-"""Number of successive steps below rounding of x that ends the iteration."""
+"""Number of successive steps below rounding of x that ends the iteration (benchmarks/constants.py)."""
 _KNOWN = ("met", "most iterations", "stagnation")
 """Ends for which the coefficients give the error."""
 

@@ -72,9 +72,11 @@ def ritz_value(steps: Sequence[float], ratios: Sequence[float], *, largest: bool
 
 
 _FLAT = 1e-8
-"""Curvature below this factor times the largest curvature suggests a null vector."""
+"""Curvature below this factor times the largest curvature suggests a null vector.
+Benchmark: benchmarks/constants.py."""
 _NULL = 1e-6
-"""For a null vector p, A p is below this factor times |A| |p|: slightly above the square root of rounding."""
+"""For a null vector p, A p is below this factor times |A| |p|: slightly above the square root of rounding.
+Benchmark: benchmarks/constants.py."""
 
 
 @dataclass(eq=False)

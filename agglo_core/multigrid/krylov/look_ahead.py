@@ -22,6 +22,7 @@ _AHEAD = 10
 """Minimum look-ahead in iterations, and divisor of the iteration number for larger look-aheads.
 
 A longer look-ahead gives a sharper estimate of the energy error, for more iterations.
+Benchmark: benchmarks/constants.py.
 """
 
 

@@ -108,11 +108,12 @@ class Restarts:
 
 
 _MORE = 4
-"""Maximum steps of a probe beyond twice the iterations done."""
+"""Maximum steps of a probe beyond twice the iterations done (benchmarks/constants.py)."""
 _FALL = 1e-4
 """Reduction of z·r that ends a probe: then every mode with an average share has been seen.
 
 Smaller: a more reliable eigenvalue, for more steps.
+Benchmark: benchmarks/constants.py.
 """
 
 

@@ -19,11 +19,13 @@ from agglo_core.multigrid.matrices.checks import check_system
 from agglo_core.multigrid.stack import Solve
 
 _DENSE = 150
-"""Maximum number of unknowns of subdomains to be inverted. Larger subdomains use sparse factors."""
+"""Maximum number of unknowns of subdomains to be inverted. Larger subdomains use sparse factors.
+Benchmark: benchmarks/constants.py."""
 _MOST_STEPS = 8
 """Maximum number of smoothing steps for the coarse prolongation.
 
 Each step extends the coarse functions by a layer of neighbours, which fills the coarse matrix.
+Benchmark: benchmarks/constants.py.
 """
 
 

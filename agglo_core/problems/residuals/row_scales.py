@@ -12,9 +12,10 @@ from agglo_core.problems.residuals.backward_error import is_known
 from agglo_core.problems.residuals.sizes import Measure, relative_to
 from agglo_core.problems.residuals.stiff_springs import imposed_differences
 
-#: Maximum ratio of row sizes up to which residuals are measured by the 2-norm alone.
+#: Maximum ratio of row sizes up to which residuals are measured by the 2-norm alone (benchmarks/constants.py)
 _ALIKE = 100.0
-#: Minimum ratio of a penalty to the other entries in its row, and to the smallest row size.
+#: Minimum ratio of a penalty to the other entries in its row, and to the smallest row size
+#: (benchmarks/constants.py)
 _PENALTY = 1e3
 
 

@@ -11,21 +11,25 @@ from scipy.sparse.linalg import splu
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 
-#: Minimum ratio of a stiff entry to the usual entries (their lower quartile).
+#: Minimum ratio of a stiff entry to the usual entries (their lower quartile) (benchmarks/constants.py)
 _STIFF = 1e3
-#: Growth factor for this ratio where components are not weakly held.
+#: Growth factor for this ratio where components are not weakly held (benchmarks/constants.py)
 _STEP = 10.0
-#: Maximum outer coupling of an unknown in a cluster, relative to its diagonal entry.
+#: Maximum outer coupling of an unknown in a cluster, relative to its diagonal entry (benchmarks/constants.py)
 _WEAK = 0.1
-#: Maximum share of b·D⁻¹b left without loads across springs. A larger rest is not hidden by spring energy.
+#: Maximum share of b·D⁻¹b left without loads across springs. A larger rest is not hidden by spring
+#: energy (benchmarks/constants.py)
 _LEFT = 0.01
-#: Maximum unknowns per cluster. Springs are factorised, which is slow for large 3-D bodies.
+#: Maximum unknowns per cluster. Springs are factorised, which is slow for large 3-D bodies
+#: (benchmarks/constants.py)
 _MOST = 10_000
-#: Maximum unknowns per cluster that does not move freely by constants (scaled unknowns, signs).
+#: Maximum unknowns per cluster that does not move freely by constants (scaled unknowns, signs)
+#: (benchmarks/constants.py)
 _FEW = 64
-#: Number of sampled entries for the estimate of the usual entry size.
+#: Number of sampled entries for the estimate of the usual entry size (benchmarks/constants.py)
 _SAMPLE = 4096
-#: Minimum stiffness, relative to the usual entries, to be named as a reason: half of the digits.
+#: Minimum stiffness, relative to the usual entries, to be named as a reason: half of the digits
+#: (benchmarks/constants.py)
 _HIDDEN = 1e8
 
 

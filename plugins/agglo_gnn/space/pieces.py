@@ -30,7 +30,8 @@ SPATIAL_RECIPE = (
     "stretched up to 2.5:1, half cut to random stars with holes and slits; split by inertial or sweep "
     "bisection, half of them refined"
 )
-_MOST = 2500  # cells of the largest pieces, about: larger pieces take more training time
+# Cells of the largest pieces, about: larger pieces take more training time (benchmarks/constants.py)
+_MOST = 2500
 
 
 def solid_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:

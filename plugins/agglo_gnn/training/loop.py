@@ -14,17 +14,18 @@ from agglo_core.authoring import Float, Int, OptionError, PluginError
 if TYPE_CHECKING:
     import torch
 
-_BATCH = 64  # pieces per step: more give smoother gradients and slower steps
-_RATE = 2e-3  # largest learning rate of Adam, after the warm-up
-_WARM_UP = 0.03  # fraction of the steps in which the learning rate rises from 0
+_BATCH = 64  # pieces per step: more give smoother gradients and slower steps (benchmarks/constants.py)
+_RATE = 2e-3  # largest learning rate of Adam, after the warm-up (benchmarks/constants.py)
+_WARM_UP = 0.03  # fraction of the steps in which the learning rate rises from 0 (benchmarks/constants.py)
 # Pieces are drawn in proportion to this power of their number of cells: large pieces are few, but need the
-# network most. 0 would draw all pieces equally often.
+# network most. 0 would draw all pieces equally often (benchmarks/constants.py)
 _SIZE_POWER = 0.35
 BALANCE = 6.0
-"""Weight of ((A₁ − A₂)/A)² in a loss, relative to the cut cost: larger favours equal sides."""
+"""Weight of ((A₁ − A₂)/A)² in a loss, relative to the cut cost: larger favours equal sides.
+Benchmark: benchmarks/constants.py."""
 COMPACT, GROWTH = 15.0, 4.0  # as in the sweep
 """Weight of the inertia between the sides in a loss: the maximum of the first and √n times the second. Larger
-values favour compact sides, smaller values short cuts."""
+values favour compact sides, smaller values short cuts (benchmarks/constants.py)."""
 
 Progress = Callable[[int, float, float], None]
 

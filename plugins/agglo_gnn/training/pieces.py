@@ -25,7 +25,8 @@ RECIPE = (
     "half cut to random stars with holes and slits; split by inertial, sweep1 or sweep8 bisection, "
     "half of them refined"
 )
-FEWEST, _MOST = 10, 1200  # cells of the smallest pieces, and about of the largest: larger take more time
+# Cells of the smallest pieces, and about of the largest: larger take more time (benchmarks/constants.py)
+FEWEST, _MOST = 10, 1200
 
 
 def piece_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:

@@ -17,7 +17,8 @@ from agglo_polydg_mg.forms.penalty import PAPER, Penalty
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.quadrature import Batch, inside, sample
 
-_FACES = 20_000  # faces per batch: limits the memory for the traces at their quadrature points
+# Faces per batch: limits the memory for the traces at their quadrature points (benchmarks/constants.py)
+_FACES = 20_000
 
 Outside = Callable[[Int, Float], Float]
 """Outer values ``(t, q)`` on boundary faces ``(t,)`` at points ``(t, q, d)`` relative to the origin."""
@@ -107,7 +108,8 @@ def _traces(basis: Basis, x: Float, cells: Int, points: Float) -> Float:
     return np.asarray(np.einsum("qk,qk->q", values, rows).reshape(points.shape[:2]))
 
 
-_STEP = 1e-4  # step / half box side: fourth-order differences are then exact to about 1e-12
+# Step / half box side: fourth-order differences are then exact to about 1e-12 (benchmarks/constants.py)
+_STEP = 1e-4
 
 
 class Errors(NamedTuple):

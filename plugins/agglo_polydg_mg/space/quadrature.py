@@ -88,7 +88,8 @@ def _delaunay(mesh: Mesh, cells: Int) -> tuple[Int, Float]:
 
 
 _FEW = 4_000  # minimum cells per thread: one thread integrates over them in some milliseconds
-_POINTS = 200_000  # quadrature points per batch, which fits into the processor cache
+# Quadrature points per batch, which fits into the processor cache (benchmarks/constants.py)
+_POINTS = 200_000
 
 
 class Batch(NamedTuple):

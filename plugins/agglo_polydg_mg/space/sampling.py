@@ -78,9 +78,10 @@ def _lattice(p: int, dim: int) -> tuple[Int, Int]:
     return frozen_int(lattice), frozen_int(small)
 
 
-_TRIANGLES = 1_000_000  # per batch: some hundred MB of corners, points and angles
+_TRIANGLES = 1_000_000  # per batch: some hundred MB of corners, points and angles (benchmarks/constants.py)
 _INSIDE = 0.01
-"""Solid angle fraction above which a point belongs to a cell: on faces both cells have half."""
+"""Solid angle fraction above which a point belongs to a cell: on faces both cells have half.
+Benchmark: benchmarks/constants.py."""
 
 
 def cells_that_hold(mesh: Mesh, points: Float) -> Int:
