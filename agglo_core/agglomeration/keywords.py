@@ -30,7 +30,7 @@ POLISH = ("compactness",)
 """Default refiners of finished levels. If a registry has no refiner of this name, the built-in refiner is
 used."""
 
-Role = Literal["step", "size", "count", "rule", "bound"]
+Role = Literal["step", "size", "count", "constraint", "rule", "bound"]
 
 
 def _about(text: str, role: Role = "step", *, component: str = "") -> dict[str, str]:
@@ -74,7 +74,8 @@ class Keywords:
     )
     _: KW_ONLY
     constraints: Sequence[Choice] = field(
-        default=(), metadata=_about("A rule for the parts. Repeatable.", component="constraint")
+        default=(),
+        metadata=_about("A rule for the parts. Repeatable.", "constraint", component="constraint"),
     )
     regions: Names | ArrayLike | None = field(
         default=None,
@@ -106,11 +107,11 @@ class Keywords:
     max_measure: float | None = field(
         default=None, metadata=_about("Largest measure of a part, except for single cells.", "bound")
     )
-    min_measure: float | None = field(
-        default=None, metadata=_about("Smaller parts join a neighbour.", "bound")
-    )
     max_weight: float | None = field(
         default=None, metadata=_about("Largest weight of a part, except for single cells.", "bound")
+    )
+    min_measure: float | None = field(
+        default=None, metadata=_about("Smaller parts join a neighbour.", "bound")
     )
     min_weight: float | None = field(
         default=None, metadata=_about("Lighter parts join a neighbour.", "bound")
@@ -140,3 +141,11 @@ TARGETS = (*SIZES, *COUNTS)
 BOUNDS = _names("bound")
 RULES = _names("rule", "bound")
 """Keywords of the rules for parts."""
+GROUPS: Mapping[str, Sequence[str]] = {
+    "Targets": TARGETS,
+    "Method": _names("step"),
+    "Rules for parts": _names("constraint", "rule", "bound"),
+    "Running": ("config", "allow_code", "registry", "progress", "verbose", "threads"),
+}
+"""All parameters of ``agglomerate`` except the mesh, in the order of its signature, and by group for help
+texts."""

@@ -35,20 +35,19 @@ _DEFAULT = Pipeline()
 def agglomerate(
     mesh: Mesh | Graph,
     *,
-    bisector: Choice | None = None,
     h_star: Numbers | None = None,
     h_factor: Numbers | None = None,
     n_parts: Numbers | None = None,
     cells_per_part: Numbers | None = None,
-    method: Method | None = None,
-    nested: bool | None = None,
+    bisector: Choice | None = None,
     refiners: Sequence[Choice] | None = None,
     fixer: Choice | None = None,
+    method: Method | None = None,
+    nested: bool | None = None,
     merge: bool | None = None,
     polish: bool | None = None,
     post_refiners: Sequence[Choice] | None = None,
     seed: int | None = None,
-    config: str | os.PathLike[str] | None = None,
     constraints: Sequence[Choice] | None = None,
     regions: Names | ArrayLike | None = None,
     barriers: Marks | None = None,
@@ -59,24 +58,35 @@ def agglomerate(
     max_cells: int | None = None,
     min_cells: int | None = None,
     max_measure: float | None = None,
-    min_measure: float | None = None,
     max_weight: float | None = None,
+    min_measure: float | None = None,
     min_weight: float | None = None,
     metric: ArrayLike | None = None,
     lines: bool | None = None,
-    registry: Registry | None = None,
+    config: str | os.PathLike[str] | None = None,
     allow_code: bool = False,
+    registry: Registry | None = None,
     progress: Listener | None = None,
     verbose: bool = False,
     threads: int | None = None,
 ) -> Hierarchy:
     """Agglomerate a mesh or graph into a hierarchy of coarse levels (paper, Algorithm 1).
 
+    All parameters except the mesh are given by name. There are four groups:
+
+    Targets
+        h_star, h_factor, n_parts, cells_per_part
+    Method
+        bisector, refiners, fixer, method, nested, merge, polish, post_refiners, seed
+    Rules for parts
+        constraints, regions, barriers, where, boundary_rules, weights, balance, max_cells, min_cells,
+        max_measure, max_weight, min_measure, min_weight, metric, lines
+    Running
+        config, allow_code, registry, progress, verbose, threads
+
     Parameters
     ----------
     mesh : Mesh or Graph
-    bisector : str, (str, options) or component object, optional
-        Component that splits a piece in two. Default ``"kmeans"``.
     h_star : float or sequence, optional
         Target: largest diameter of a part, one level per value. Only one kind of target may be given. Without
         a target the default is ``h_factor=(2, 4, 8)``.
@@ -86,15 +96,17 @@ def agglomerate(
         Target: exact number of parts. An unreachable number raises an error.
     cells_per_part : float or sequence, optional
         Target: mean number of cells. Each connected component, also of a region, is at least one part.
-    method : "recursive" or "kway", optional
-        ``"kway"`` needs a bisector that implements ``partition``. Default ``"recursive"``.
-    nested : bool, optional
-        Whether each level coarsens the previous level. Default True.
+    bisector : str, (str, options) or component object, optional
+        Component that splits a piece in two. Default ``"kmeans"``.
     refiners : sequence of components, optional
         Components that shorten the interface of each split, in this order; ``()`` for none. Default
         ``("interface",)``.
     fixer : component, optional
         Component that connects both sides of each split. Default ``"connectivity"``.
+    method : "recursive" or "kway", optional
+        ``"kway"`` needs a bisector that implements ``partition``. Default ``"recursive"``.
+    nested : bool, optional
+        Whether each level coarsens the previous level. Default True.
     merge : bool, optional
         Size targets: merge adjacent parts while their union meets the target. Default False.
     polish : bool, optional
@@ -104,8 +116,6 @@ def agglomerate(
         Default ``("compactness",)``.
     seed : int, optional
         Root seed for all random numbers. Default 0.
-    config : path, optional
-        TOML file with these names as keys. Call arguments take precedence.
     constraints : sequence of components, optional
         Custom rules, instead of or in addition to the following keywords. Default ``()``.
     regions : str, sequence of str or (n,) array, optional
@@ -139,10 +149,12 @@ def agglomerate(
     lines : bool, optional
         Keep lines of strongly coupled cells, as in boundary layers: a part consists of whole lines, or of
         cells in a single line. Default False.
-    registry : Registry, optional
-        Registry for name look-up. Its plugins follow the run. Default: the installed components.
+    config : path, optional
+        TOML file with these names as keys. Call arguments take precedence.
     allow_code : bool, optional
         Whether options in ``config`` may name code. Such code is imported and run. Default False.
+    registry : Registry, optional
+        Registry for name look-up. Its plugins follow the run. Default: the installed components.
     progress : callable, optional
         Called with an :class:`~agglo_core.progress.Progress` for each phase and its completed share, at most
         20 times a second. An exception from the callable ends the run and passes through unchanged.

@@ -11,6 +11,8 @@ from contextlib import suppress
 from typing import NoReturn
 
 import click
+from click.core import augment_usage_errors
+from click.exceptions import NoArgsIsHelpError
 
 import agglo_core
 from agglo_core.cli.commands.check import check
@@ -57,7 +59,7 @@ class Commands(click.Group):
         try:
             return _stand_in(cmd_name, default().record("command", cmd_name))
         except PluginError:
-            raise click.UsageError(_unknown(cmd_name, self.list_commands(ctx))) from None
+            raise click.UsageError(_unknown(cmd_name, self.list_commands(ctx)), ctx) from None
 
 
 def _stand_in(name: str, record: Record) -> click.Command:
@@ -68,7 +70,10 @@ def _stand_in(name: str, record: Record) -> click.Command:
         if not isinstance(real, click.Command):
             raise PluginError(f"{describe(record)}: its target is {real!r:.60}, expected a click command")
         context = click.get_current_context()
-        with real.make_context(name, list(arguments), parent=context.parent) as inner:
+        with (
+            real.make_context(name, list(arguments), parent=context.parent) as inner,
+            augment_usage_errors(inner),
+        ):
             try:
                 return real.invoke(inner)
             except (AggloError, click.ClickException, click.exceptions.Exit, click.Abort):
@@ -96,7 +101,11 @@ def _unknown(name: str, names: list[str]) -> str:
     return f"no command {name!r}{hint}; accepted: {', '.join(names)}{reasons}"
 
 
-@click.group(cls=Commands, invoke_without_command=True)
+@click.group(
+    cls=Commands,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},  # inherited by all commands
+)
 @click.version_option(agglo_core.__version__, prog_name="agglo")
 @click.pass_context
 def app(context: click.Context) -> None:
@@ -141,6 +150,11 @@ def _run(args: Sequence[str] | None) -> int:
         if isinstance(error, SystemError):
             raise
         return _fail(str(error))
+    except NoArgsIsHelpError as error:  # a group of a plugin, without subcommand
+        error.show()
+        return error.exit_code
+    except click.UsageError as error:
+        return _fail(error.format_message(), error.ctx)
     except click.ClickException as error:
         return _fail(error.format_message())
     except MemoryError as error:
@@ -167,9 +181,15 @@ def _give_up_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _fail(message: str) -> int:
+def _fail(message: str, context: click.Context | None = None) -> int:
+    """Print an error, with the usage of the command that was called wrongly. Returns the exit code."""
+    lines = [f"error: {printable(' '.join(message.split()))}"]
+    if context is not None:
+        usage = " ".join(context.get_usage().split())
+        lines.append(f"{usage[0].lower()}{usage[1:]} (help: {context.command_path} -h)")
     with suppress(OSError):  # stderr may be full, too: then only the exit code reports
-        say(f"error: {printable(' '.join(message.split()))}")
+        for line in lines:
+            say(line)
     return 2
 
 

@@ -53,7 +53,12 @@ def _real(name: str, command: click.Command) -> click.Command:
 
 def _context(command: click.Command, name: str, parent: click.Context | None) -> click.Context:
     return click.Context(
-        command, info_name=name, parent=parent, max_content_width=_COLUMNS, terminal_width=_COLUMNS
+        command,
+        info_name=name,
+        parent=parent,
+        max_content_width=_COLUMNS,
+        terminal_width=_COLUMNS,
+        **command.context_settings,
     )
 
 

@@ -62,7 +62,7 @@ def test_files_that_are_none(agglo: Agglo, tmp_path: Path) -> None:
     ask = ["run", "squares:n=4", "--config"]
     assert agglo(*ask, "no.toml").err == "error: no.toml: no such file; expected a TOML file\n"
     assert agglo(*ask, "folder").err == "error: folder: is a folder; expected a TOML file\n"
-    assert agglo(*ask, "").err == "error: Invalid value for '--config': the file name is empty\n"
+    assert agglo(*ask, "").err.startswith("error: Invalid value for '--config': the file name is empty\n")
     problem = agglo("solve", "squares:n=4", "--problem", "no.toml")
     assert "no.toml: no such file, and no problem of that name (constant," in problem.err
 
@@ -141,8 +141,9 @@ def test_options(agglo: Agglo, tmp_path: Path, arguments: list[str], message: st
 def test_numbers_of_other_commands(agglo: Agglo, tmp_path: Path, arguments: list[str], message: str) -> None:
     code, out, err = agglo(*arguments)
     assert (code, out) == (2, "")
-    assert message in err
-    assert err.count("\n") == 1
+    lines = err.splitlines()
+    assert message in lines[0]
+    assert len(lines) == 1 + lines[0].startswith("error: Invalid value")  # and the usage
     assert not list(tmp_path.iterdir())
 
 

@@ -28,9 +28,9 @@ from agglo_core.agglomeration.keywords import (
     BOUNDS,
     COMPONENT_LISTS,
     COMPONENTS,
+    GROUPS,
     HELP,
     METHODS,
-    NAMES,
     TARGETS,
 )
 from agglo_core.cli.options.completion import names
@@ -110,8 +110,6 @@ _SWITCHES = {
     "polish": "--polish/--no-polish",
     "lines": "--lines/--no-lines",
 }
-_BARE = ("refiners", "fixer", *TARGETS, "seed")
-_ALL = (*NAMES, "config", "allow_code")
 
 
 def _flag(name: str) -> str:
@@ -147,40 +145,36 @@ def _switch(name: str) -> Decorator:
     return click.option(_SWITCHES[name], name, default=None, help=HELP[name])
 
 
-_ONE_BISECTOR = _component("bisector")
-_METHOD = _option("method", type=click.Choice(METHODS))
 _METHOD_LIST = click.option(
     "--method", "methods", callback=read_methods, metavar="LIST", help="recursive (default), kway, or both."
 )
-_NESTED, _REFINER, _FIXER = _switch("nested"), _component("refiners"), _component("fixer")
-_LAST_STEPS = (_switch("merge"), _switch("polish"), _component("post_refiners"), _component("constraints"))
-_TARGET_OPTIONS = (
-    _numbers("h_star", float),
-    _numbers("h_factor", float),
-    _numbers("n_parts", int),
-    _numbers("cells_per_part", float, least=1),
-    _option("seed", type=Number(int, least=0)),
-)
-_RULE_OPTIONS = (
-    _option("regions", metavar="TAG,…", callback=_names),
-    _option("barriers", metavar=_TAGS, callback=_names),
-    _option("where", metavar=_TAGS, callback=_names),
-    _option("boundary_rules", type=click.Choice(("ridges",))),
-    _option("weights", metavar="NAME"),
-    _option("balance", type=click.Choice(BALANCES)),
-    *map(_bound, BOUNDS),
-    _option("metric", metavar="LIST", callback=_tensor),
-    _switch("lines"),
-)
-_CONFIG = (
-    click.option("--config", type=FILE, help="TOML file; options given here take precedence."),
-    click.option(
+_OPTIONS = {
+    "h_star": _numbers("h_star", float),
+    "h_factor": _numbers("h_factor", float),
+    "n_parts": _numbers("n_parts", int),
+    "cells_per_part": _numbers("cells_per_part", float, least=1),
+    **{name: _component(name) for name in COMPONENTS},
+    "method": _option("method", type=click.Choice(METHODS)),
+    **{name: _switch(name) for name in _SWITCHES},
+    "seed": _option("seed", type=Number(int, least=0)),
+    "regions": _option("regions", metavar="TAG,…", callback=_names),
+    "barriers": _option("barriers", metavar=_TAGS, callback=_names),
+    "where": _option("where", metavar=_TAGS, callback=_names),
+    "boundary_rules": _option("boundary_rules", type=click.Choice(("ridges",))),
+    "weights": _option("weights", metavar="NAME"),
+    "balance": _option("balance", type=click.Choice(BALANCES)),
+    **{name: _bound(name) for name in BOUNDS},
+    "metric": _option("metric", metavar="LIST", callback=_tensor),
+    "config": click.option("--config", type=FILE, help="TOML file; options given here take precedence."),
+    "allow_code": click.option(
         "--allow-code",
         is_flag=True,
         default=None,
         help="Allow options in TOML files to name code to import and run.",
     ),
-)
+}
+_ALL = tuple(name for names in GROUPS.values() for name in names if name in _OPTIONS)
+_BARE = (*TARGETS, "refiners", "fixer", "seed")
 
 
 @overload
@@ -215,18 +209,20 @@ def agglomeration_options(
     ... def mine(agglomeration):
     ...     print(agglomeration)
     >>> mine(["--parts", "8,2", "--refiner", "none"], standalone_mode=False)
-    {'refiners': (), 'n_parts': (8, 2)}
+    {'n_parts': (8, 2), 'refiners': ()}
     """
     if command is not None:
-        return _gather_options(command, [_REFINER, _FIXER, *_TARGET_OPTIONS], _BARE)
-    usual = "all" if method == "several" else "kmeans"
-    several = bisectors_option(f"How a piece is split (default {usual}); several are compared.")
-    bisector_option = several if bisector == "several" else _ONE_BISECTOR
-    methods = _METHOD_LIST if method == "several" else _METHOD
-    options = [bisector_option, methods, _NESTED, _REFINER, _FIXER, *_LAST_STEPS, *_TARGET_OPTIONS]
-    options += [*_RULE_OPTIONS, *_CONFIG]
-    options.append(threads_option)
-    return lambda inner: _gather_options(inner, options, _ALL)
+        return _gather_options(command, [_OPTIONS[name] for name in _BARE], _BARE)
+    options = dict(_OPTIONS)
+    if bisector == "several":
+        usual = "all" if method == "several" else "kmeans"
+        options["bisector"] = bisectors_option(
+            f"How a piece is split (default {usual}); several are compared."
+        )
+    if method == "several":
+        options["method"] = _METHOD_LIST
+    ordered = [*(options[name] for name in _ALL), threads_option]
+    return lambda inner: _gather_options(inner, ordered, _ALL)
 
 
 def _gather_options(command: Command, options: Sequence[Decorator], names: Sequence[str]) -> Command:

@@ -16,17 +16,24 @@ from io import UnsupportedOperation
 from typing import Any, TextIO
 
 import click
+from click.core import augment_usage_errors
+
+from agglo_core.cli.output.option_groups import write_options
 
 _KEY = "agglo.stdout"
 _COLUMNS = 80  # terminal width if unknown
 
 
 class OwnCommand(click.Command):
-    """Command whose results alone go to stdout. All other output goes to stderr."""
+    """Command whose results alone go to stdout, with its options in groups. Other output goes to stderr."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options for the help text, by :func:`~.option_groups.write_options`."""
+        write_options(ctx, formatter)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command, with :func:`stdout` as the stream for its results."""
-        with _reserve_stdout(quiet=bool(ctx.params.get("quiet"))) as stream:
+        with augment_usage_errors(ctx), _reserve_stdout(quiet=bool(ctx.params.get("quiet"))) as stream:
             ctx.meta[_KEY] = stream
             return super().invoke(ctx)
 

@@ -6,22 +6,30 @@ import inspect
 import re
 
 import agglo_core as agglo
-from agglo_core.agglomeration.keywords import HELP, NAMES
+from agglo_core.agglomeration.keywords import GROUPS, HELP, NAMES
 from agglo_core.cli.app import app
 
 PARAMETERS = list(inspect.signature(agglo.agglomerate).parameters)
-RUNNING = ["mesh", "config", "registry", "allow_code", "progress", "verbose", "threads"]
-"""Parameters that say how a run is made, not what it makes."""
+DOCSTRING = inspect.getdoc(agglo.agglomerate) or ""
 
 
 def test_the_signature_has_each_keyword_and_no_other() -> None:
-    assert sorted(PARAMETERS) == sorted([*NAMES, *RUNNING])
+    assert sorted(PARAMETERS) == sorted(["mesh", *NAMES, *GROUPS["Running"]])
 
 
-def test_the_docstring_explains_each_parameter() -> None:
-    text = inspect.getdoc(agglo.agglomerate) or ""
-    explained = re.findall(r"^(\w+(?:, \w+)*) : ", text, re.MULTILINE)
-    assert sorted(name for names in explained for name in names.split(", ")) == sorted(PARAMETERS)
+def test_the_signature_is_in_the_order_of_the_groups() -> None:
+    assert ["mesh", *(name for names in GROUPS.values() for name in names)] == PARAMETERS
+
+
+def test_the_docstring_explains_each_parameter_in_this_order() -> None:
+    explained = re.findall(r"^(\w+(?:, \w+)*) : ", DOCSTRING, re.MULTILINE)
+    assert [name for names in explained for name in names.split(", ")] == PARAMETERS
+
+
+def test_the_docstring_lists_the_groups() -> None:
+    summary = DOCSTRING.partition("Parameters\n---")[0]
+    listed = re.findall(r"^([A-Z][\w ]+)\n((?:    .+\n)+)", summary, re.MULTILINE)
+    assert {title: tuple(" ".join(text.split()).split(", ")) for title, text in listed} == GROUPS
 
 
 def test_the_command_line_has_an_option_for_each_with_its_help_text() -> None:

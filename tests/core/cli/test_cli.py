@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -54,7 +55,7 @@ def plugin_commands(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_help_lists_the_commands(agglo: Agglo, plugin_commands: None) -> None:
     code, out, _ = agglo("--help")
     assert code == 0
-    assert agglo() == (0, out, "")
+    assert agglo() == agglo("-h") == (0, out, "")
     for name in (*CORE_COMMANDS, "shout", "absent", "shouting/run"):
         assert f"  {name} " in out
     assert "Says shout." in out
@@ -66,6 +67,7 @@ def test_each_command_explains_itself(agglo: Agglo, command: str) -> None:
     code, out, _ = agglo(command, "--help")
     assert code == 0
     assert out.startswith(f"Usage: agglo {command}")
+    assert agglo(command, "-h") == (0, out, "")
 
 
 def test_commands_of_plugins_run(agglo: Agglo, plugin_commands: None) -> None:
@@ -73,7 +75,10 @@ def test_commands_of_plugins_run(agglo: Agglo, plugin_commands: None) -> None:
     assert agglo("shouting/run", "hello").out == "HELLO\n"
     assert agglo("shout", "no", "--exit", "3").code == 3
     assert "Say a word loudly." in agglo("shout", "--help").out
-    assert agglo("shout").err == "error: Missing argument 'WORD'.\n"
+    assert agglo("shout", "-h") == agglo("shout", "--help")
+    missing, usage = agglo("shout").err.splitlines()
+    assert missing == "error: Missing argument 'WORD'."
+    assert usage == "usage: agglo shout [OPTIONS] WORD (help: agglo shout -h)"
     assert agglo("shout", "bad") == (2, "", "error: cell 3 has no area\n")
 
 
@@ -92,6 +97,48 @@ def test_unknown_commands_say_what_there_is(agglo: Agglo) -> None:
     code, _, err = agglo("plugns")
     assert code == 2
     assert err.startswith("error: no command 'plugns'; did you mean 'plugins'?")
+    assert err.endswith("\nusage: agglo [OPTIONS] [COMMAND] [ARGS]... (help: agglo -h)\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "usage"),
+    [
+        (["run"], "agglo run [OPTIONS] MESH|SAMPLE (help: agglo run -h)"),
+        (["run", "squares:4", "--part", "2"], "agglo run [OPTIONS] MESH|SAMPLE (help: agglo run -h)"),
+        (["run", "squares:4", "--explode", "2"], "agglo run [OPTIONS] MESH|SAMPLE (help: agglo run -h)"),
+        (["mesh", "squares:4"], "agglo mesh [OPTIONS] SAMPLE (help: agglo mesh -h)"),
+        (["model", "nfo"], "agglo model [OPTIONS] COMMAND [ARGS]... (help: agglo model -h)"),
+        (["model", "info"], "agglo model info [OPTIONS] FILE (help: agglo model info -h)"),
+    ],
+)
+def test_wrong_calls_end_with_the_usage(agglo: Agglo, arguments: list[str], usage: str) -> None:
+    code, out, err = agglo(*arguments)
+    assert (code, out, err.count("\n")) == (2, "", 2)
+    assert err.endswith(f"\nusage: {usage}\n")
+
+
+def test_a_group_without_subcommand_prints_its_help(agglo: Agglo) -> None:
+    code, out, err = agglo("model")
+    assert (code, out) == (2, "")
+    assert err == agglo("model", "-h").out
+
+
+def test_help_has_groups_of_options(agglo: Agglo) -> None:
+    heads = {c: re.findall(r"^(\w.*):$", agglo(c, "-h").out, re.MULTILINE) for c in CORE_COMMANDS}
+    usual = ["Targets", "Method", "Rules for parts", "Running"]
+    assert heads.pop("run") == [*usual, "Output and help"]
+    assert heads.pop("solve") == heads.pop("compare") == [*usual, "Solver", "Output and help"]
+    assert set(map(tuple, heads.values())) == {("Options",)}
+
+
+def test_each_group_has_its_options(agglo: Agglo) -> None:
+    groups = re.split(r"^\w.*:$", agglo("run", "-h").out, flags=re.MULTILINE)[1:]
+    flags = [re.findall(r"^  (?:-\w, )?--([\w-]+)", text, re.MULTILINE) for text in groups]
+    assert flags[0] == ["h-star", "h-factor", "parts", "cells-per-part"]
+    assert flags[1][:4] == ["bisector", "refiner", "fixer", "method"]
+    assert (flags[2][0], flags[2][-1], len(flags[2])) == ("constraint", "lines", 15)
+    assert flags[3] == ["config", "allow-code", "threads", "independent-of-ranks"]
+    assert flags[4] == ["metrics", "output", "plot", "explode", "report", "json", "quiet", "help"]
 
 
 def test_plugins_are_listed(agglo: Agglo) -> None:
@@ -308,7 +355,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
         arguments = [*arguments, "-o", "left.vtu"]
     code, out, err = agglo(*arguments)
     assert (code, out) == (2, "")
-    errors = [line for line in err.splitlines() if not line.startswith(("note: ", "warning: "))]
+    errors = [line for line in err.splitlines() if not line.startswith(("note: ", "warning: ", "usage: "))]
     assert len(errors) == 1
     assert errors[0].startswith("error: ")
     assert message in errors[0]

@@ -181,7 +181,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 ) -> None:
     code, out, err = agglo(*arguments)
     assert (code, out) == (2, "")
-    errors = [line for line in err.splitlines() if not line.startswith(("note: ", "warning: "))]
+    errors = [line for line in err.splitlines() if not line.startswith(("note: ", "warning: ", "usage: "))]
     assert len(errors) == 1
     assert errors[0].startswith("error: ")
     assert message in errors[0]
