@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any, Literal
 
 from numpy.typing import ArrayLike
+from scipy import sparse
 
 from agglo_core.agglomeration.keywords import (
     COUNTS,
@@ -187,7 +188,8 @@ def agglomerate(
     """
     keywords = {name: value for name, value in locals().items() if name in NAMES}
     if not isinstance(mesh, Mesh | Graph):
-        raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}")
+        remedy = ": pass a matrix as agglomerate(Graph.from_scipy(A), …)" if sparse.issparse(mesh) else ""
+        raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}{remedy}")
     base = _DEFAULT if config is None else Pipeline.from_toml(config, allow_code=allow_code)
     return replace_keywords(base, keywords).run(mesh, registry, progress, verbose, threads)
 

@@ -130,7 +130,8 @@ class Graph(BlockGraph):
         if centre.ndim != 2 or centre.shape[1] not in (2, 3):
             raise MeshError(f"centroids must have shape (n, 2) or (n, 3), not {centre.shape}")
         n = len(centre)
-        origin = 0.5 * (centre.min(axis=0) + centre.max(axis=0)) if n else np.zeros(centre.shape[1])
+        finite = n and np.isfinite(centre).all()  # else the constructor reports the first bad value
+        origin = 0.5 * (centre.min(axis=0) + centre.max(axis=0)) if finite else np.zeros(centre.shape[1])
         columns: Index = immutable_array("indices", indices, np.int32)
         size = np.ones(n) if measures is None else measures
         return cls(
@@ -178,6 +179,44 @@ class Graph(BlockGraph):
         most = max(self.n, len(self.indices))
         indices, indptr = (index_cast(each, most) for each in (self.indices, self.indptr))
         return sparse.csr_array((self.interface.copy(), indices, indptr), shape=(self.n, self.n))
+
+    @classmethod
+    def from_scipy(cls, A: Any, points: ArrayLike | None = None) -> Graph:
+        """Build the graph of a sparse matrix: a node for each unknown, an edge for each pair of entries.
+
+        The diagonal and stored zeros are ignored. Nodes i and j are joined if a_ij or a_ji is not 0, with the
+        interface ``(|a_ij| + |a_ji|) / 2``. Measures are 1.
+
+        Parameters
+        ----------
+        A : (n, n) sparse
+            Matrix or array of :mod:`scipy.sparse` in any format, also unsymmetric.
+        points : (n, 2 or 3) float, optional
+            Coordinates of the unknowns. By default all are 0. Then diameters are 0, so targets must be counts
+            (``n_parts``, ``cells_per_part``), and good parts need a bisector that uses edges only, such as
+            ``spectral`` or ``metis``.
+
+        Raises
+        ------
+        OptionError
+            If A is not sparse, not square, complex or not finite, or its indices do not fit its shape.
+        MeshError
+            If A is empty, or the points have another shape or are not finite.
+
+        Examples
+        --------
+        >>> from scipy import sparse
+        >>> A = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(100, 100))
+        >>> graph = agglo.Graph.from_scipy(A)
+        >>> graph.to_scipy().toarray()[0, :3].tolist()
+        [0.0, 1.0, 0.0]
+        >>> hierarchy = agglo.agglomerate(graph, bisector="spectral", n_parts=(20, 5))
+        >>> agglo.build_levels(A, hierarchy).solve([1.0] * 100).converged
+        True
+        """
+        from agglo_core.interchange.scipy_graphs import graph_from_scipy
+
+        return graph_from_scipy(A, points)
 
     @classmethod
     def from_networkx(

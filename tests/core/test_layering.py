@@ -58,7 +58,7 @@ MAY_IMPORT = {
     },
     "samples": EVERYBODY | {"mesh", "registry"},
     "io": EVERYBODY | {"hierarchy", "mesh", "problems", "registry"},
-    "interchange": EVERYBODY | {"compiled", "graph", "hierarchy", "io", "mesh"},
+    "interchange": EVERYBODY | {"compiled", "graph", "hierarchy", "io", "mesh", "problems"},
     "measure": EVERYBODY | {"graph", "hierarchy", "mesh", "protocols", "registry"},
     "draw": EVERYBODY
     | {"compiled", "graph", "hierarchy", "interchange", "io", "measure", "mesh", "problems", "registry"},

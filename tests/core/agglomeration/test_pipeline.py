@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 import agglo_core as agglo
 from agglo_core import FileError, OptionError, Pipeline, PluginError, samples
@@ -218,8 +219,11 @@ def test_any_seed_will_do(bisector, seed):
 
 
 def test_only_meshes_and_graphs_are_agglomerated():
-    with pytest.raises(OptionError, match="needs a Mesh or a Graph, given list"):
+    with pytest.raises(OptionError, match=r"needs a Mesh or a Graph, given list$"):
         agglo.agglomerate([1, 2, 3])
+    for matrix in (sparse.eye_array(3, format="csr"), sparse.csr_matrix((3, 3))):
+        with pytest.raises(OptionError, match=r"given csr_\w+: .* agglomerate\(Graph\.from_scipy\(A\), …\)"):
+            agglo.agglomerate(matrix)
 
 
 def test_a_partitioner_alone_cannot_recurse():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import pickle
 from collections import defaultdict
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -14,7 +15,7 @@ from scipy import sparse
 from scipy.spatial import Delaunay
 from scipy.spatial.distance import pdist
 
-from agglo_core import Graph, Mesh, MeshError, agglomerate, samples
+from agglo_core import AggloError, Graph, Mesh, MeshError, OptionError, agglomerate, samples
 from agglo_core.arrays import index_cast
 from agglo_core.authoring import System
 
@@ -314,6 +315,69 @@ def test_a_graph_from_a_matrix_and_centroids() -> None:
     assert graph.diameters()[0] == pytest.approx(pdist(at).max())
     assert graph.measures.tolist() == [1.0] * 34
     assert graph.split(np.arange(34) % 2)[0].data["id"][:3].tolist() == [0, 2, 4]
+
+
+# --- from sparse matrices --------------------------------------------------------------------------------
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.integers(1, 9),
+    st.integers(0, 10**6),
+    st.sampled_from(["bsr", "coo", "csc", "csr", "dia", "dok", "lil"]),
+    st.sampled_from([sparse.csr_array, sparse.csr_matrix]),
+)
+def test_a_graph_from_any_sparse_matrix(n: int, seed: int, form: str, container: type) -> None:
+    rng = np.random.default_rng(seed)
+    dense = rng.integers(-2, 3, (n, n)).astype(float)
+    A = container(dense).asformat(form)
+    graph, points = Graph.from_scipy(A), rng.random((n, 3))
+    wanted = (abs(dense) + abs(dense.T)) / 2 * (1 - np.eye(n))
+    np.testing.assert_array_equal(graph.to_scipy().toarray(), wanted)
+    assert len(graph.indices) == np.count_nonzero(wanted)
+    assert graph.measures.tolist() == graph.weights.tolist() == [1.0] * n
+    assert graph.boundary.tolist() == [0.0] * n
+    np.testing.assert_array_equal(A.toarray(), dense)
+    placed = Graph.from_scipy(A, points)
+    np.testing.assert_array_equal(placed.to_scipy().toarray(), wanted)
+    np.testing.assert_allclose(placed.centroids + placed.origin, points)
+
+
+def test_stored_zeros_are_no_edges_and_duplicates_add_up() -> None:
+    entries = [1.0, 2.0, 0.0, 5.0], ([0, 0, 1, 2], [1, 1, 2, 2])
+    graph = Graph.from_scipy(sparse.coo_array(entries, shape=(3, 3)))
+    assert (graph.indptr.tolist(), graph.indices.tolist()) == ([0, 1, 2, 2], [1, 0])
+    assert graph.interface.tolist() == [1.5, 1.5]
+    assert graph.components().tolist() == [0, 0, 1]
+
+
+def test_unknowns_without_points_are_cut_by_their_couplings() -> None:
+    strong = sparse.block_diag([np.ones((4, 4))] * 3, format="lil")  # three strongly coupled groups
+    strong[3, 4] = strong[7, 8] = -0.01
+    order = np.random.default_rng(0).permutation(12)
+    graph = Graph.from_scipy(strong.tocsr()[order][:, order])
+    labels = agglomerate(graph, bisector="spectral", n_parts=3).levels[0]
+    assert len(np.unique(np.column_stack((labels, order // 4)), axis=0)) == 3
+    with pytest.raises(OptionError, match="zero diameter, so h_factor is undefined"):
+        agglomerate(graph)
+
+
+@pytest.mark.parametrize(
+    ("A", "points", "message"),
+    [
+        (np.eye(3), None, r"needs a sparse matrix of scipy, given ndarray: .*csr_array\(A\)"),
+        (sparse.csr_array((2, 3)), None, r"A must be a square matrix, given shape \(2, 3\)"),
+        (sparse.csr_array([[1, np.nan], [1, 1]]), None, r"A\[0, 1\] is nan: it must be finite"),
+        (sparse.csr_array([[1, 1], [-np.inf, 1]]), None, r"A\[1, 0\] is -inf: it must be finite"),
+        (sparse.csr_array([[1j]]), None, "A holds complex128; expected real numbers"),
+        (sparse.csr_array((0, 0)), None, "the graph is empty"),
+        (sparse.eye_array(3), [[0, 0]], r"points must have shape \(3, 2\) or \(3, 3\), .* not \(1, 2\)"),
+        (sparse.eye_array(2), [[0, 0], [np.nan, 0]], r"centroids\[1, 0\] is nan: it must be finite"),
+    ],
+)
+def test_bad_matrices_and_points_are_named(A: Any, points: Any, message: str) -> None:
+    with pytest.raises(AggloError, match=message):
+        Graph.from_scipy(A, points)
 
 
 def test_scipy_gets_arrays_of_its_own() -> None:
