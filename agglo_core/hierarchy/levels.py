@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from operator import index
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,10 +23,15 @@ from agglo_core.hierarchy.tree import by_first_cell
 from agglo_core.mesh import Mesh, check_labels
 from agglo_core.mesh.elsewhere import import_function
 
+if TYPE_CHECKING:
+    from agglo_core.measure import Quality
+
 
 @dataclass(frozen=True, eq=False)
 class Hierarchy(FieldState):
     """Hierarchy of coarse levels of a mesh or graph, with a labelling of the cells for each level.
+
+    ``h[i]`` are the labels of level i, ``h[-1]`` those of the coarsest; ``len(h)`` is the number of levels.
 
     Attributes
     ----------
@@ -81,6 +87,33 @@ class Hierarchy(FieldState):
     def __repr__(self) -> str:
         return f"Hierarchy({self.graph.n} cells -> {', '.join(str(k) for k in self.parts)} parts)"
 
+    def __len__(self) -> int:
+        return len(self.levels)
+
+    def __getitem__(self, level: int) -> Int:
+        place = index(level)
+        return self._level(place + len(self) if -len(self) <= place < 0 else place)
+
+    def __iter__(self) -> Iterator[Int]:
+        return iter(self.levels)
+
+    @property
+    def labels(self) -> Int:
+        """Labels of the finest coarse level ``(n_cells,)``, read-only, the array ``levels[0]``.
+
+        Raises
+        ------
+        IndexError
+            If the hierarchy has no levels.
+
+        Examples
+        --------
+        >>> hierarchy = agglo.agglomerate(agglo.samples.squares(2), n_parts=(2, 1))
+        >>> len(hierarchy), hierarchy.labels, hierarchy[-1]
+        (2, array([0, 0, 1, 1]), array([0, 0, 0, 0]))
+        """
+        return self[0]
+
     @cached_property
     def parts(self) -> list[int]:
         """Agglomerate count per level."""
@@ -95,11 +128,17 @@ class Hierarchy(FieldState):
         return self.fine.fingerprint if self.fine is not None else ""
 
     def _level(self, level: int) -> Int:
-        if not 0 <= level < len(self.levels):
-            raise IndexError(
-                f"level {level} is out of range: the hierarchy has levels 0..{len(self.levels) - 1}"
-            )
+        if not 0 <= level < len(self):
+            known = f"levels 0..{len(self) - 1}" if len(self) else "no levels"
+            raise IndexError(f"level {level} is out of range: the hierarchy has {known}")
         return self.levels[level]
+
+    def _fine_mesh(self) -> Mesh:
+        if self.fine is None:
+            raise MeshError(
+                "this hierarchy belongs to a graph without a mesh: agglomerate the Mesh instead of its graph"
+            )
+        return self.fine
 
     def parents(self, level: int) -> Int:
         """Return the parent on level + 1 of each agglomerate on ``level``, shape ``(n_level,)``.
@@ -150,11 +189,72 @@ class Hierarchy(FieldState):
         MeshError
             If a Graph without mesh was agglomerated.
         """
-        if self.fine is None:
-            raise MeshError(
-                "this hierarchy belongs to a graph without a mesh: agglomerate the Mesh instead of its graph"
-            )
-        return self.fine.coarsen(self._level(level))
+        return self._fine_mesh().coarsen(self._level(level))
+
+    def quality(self, level: int = 0, metrics: Iterable[Any] | None = None, **options: Any) -> Quality:
+        """Compute quality metrics of every agglomerate of a level, by :func:`agglo_core.quality`.
+
+        Parameters
+        ----------
+        level : int
+            0 is the finest, −1 the coarsest.
+        metrics, **options : optional
+            As for :func:`agglo_core.quality`, with its defaults.
+
+        Returns
+        -------
+        Quality
+            A dict from name to (n_level,) float, displayed as a table.
+
+        Raises
+        ------
+        IndexError
+            If there is no such level.
+        MeshError
+            If a Graph without mesh was agglomerated, or a metric exists only in 2-D.
+        OptionError, PluginError
+            As for :func:`agglo_core.quality`.
+
+        Examples
+        --------
+        >>> hierarchy = agglo.agglomerate(agglo.samples.squares(8), n_parts=(16, 4))
+        >>> hierarchy.quality(metrics=("CR", "cells"))
+        Quality of 16 agglomerates
+                 mean   least  largest
+        CR     0.7071  0.7071   0.7071
+        cells       4       4        4
+        """
+        from agglo_core.measure import quality
+
+        chosen = options if metrics is None else {"metrics": metrics, **options}
+        return quality(self._fine_mesh(), self[level], **chosen)
+
+    def write(self, path: str | PathLike[str], **options: Any) -> None:
+        """Write the fine mesh and the hierarchy to a file, by :func:`agglo_core.write`.
+
+        Parameters
+        ----------
+        path : path
+            The suffix selects the format.
+        **options : optional
+            Keyword arguments of :func:`agglo_core.write`, such as ``compress``.
+
+        Raises
+        ------
+        MeshError
+            If a Graph without mesh was agglomerated, or the file cannot hold a tag name.
+        FileError, OptionError, PluginError
+            As for :func:`agglo_core.write`.
+
+        Examples
+        --------
+        >>> agglo.agglomerate(agglo.samples.squares(8), n_parts=(16, 4)).write("levels.npz")
+        >>> agglo.read_hierarchy("levels.npz")[1]
+        Hierarchy(64 cells -> 16, 4 parts)
+        """
+        from agglo_core.io import write
+
+        write(path, self._fine_mesh(), self, **options)
 
     def view(
         self,

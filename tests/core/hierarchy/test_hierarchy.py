@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from agglo_core import Hierarchy, Mesh, MeshError, OptionError, samples
+from agglo_core import (
+    Hierarchy,
+    Mesh,
+    MeshError,
+    OptionError,
+    agglomerate,
+    quality,
+    read_hierarchy,
+    samples,
+    write,
+)
 from agglo_core.hierarchy import Tree, by_first_cell
 
 
@@ -88,6 +99,48 @@ def test_levels_beyond_the_last() -> None:
     for refused in (hierarchy.mesh, hierarchy.prolongation):
         with pytest.raises(IndexError, match=r"level -1"):
             refused(-1)
+
+
+def test_a_hierarchy_is_a_sequence_of_labels() -> None:
+    hierarchy = agglomerate(samples.squares(4), n_parts=(8, 4, 2))
+    assert len(hierarchy) == 3
+    assert hierarchy.labels is hierarchy[0] is hierarchy.levels[0]
+    assert (hierarchy.labels.dtype, hierarchy.labels.shape) == (np.int64, (16,))
+    assert all(labels is level for labels, level in zip(hierarchy, hierarchy.levels, strict=True))
+    assert [int(hierarchy[place].max()) + 1 for place in (-3, -2, -1, np.int64(1))] == [8, 4, 2, 4]
+    with pytest.raises(ValueError, match="read-only"):
+        hierarchy.labels[0] = 1
+    for place in (-4, 3):
+        with pytest.raises(IndexError, match=rf"level {place} is out of range: .* levels 0\.\.2"):
+            hierarchy[place]
+    with pytest.raises(TypeError, match="slice"):
+        hierarchy[1:]  # type: ignore[index]
+    empty = hierarchy_of(samples.squares(2))
+    assert len(empty) == 0
+    with pytest.raises(IndexError, match="level 0 is out of range: the hierarchy has no levels"):
+        _ = empty.labels
+
+
+def test_quality_and_files_are_those_of_the_functions(tmp_path: Path) -> None:
+    hierarchy = agglomerate(samples.voronoi(60, seed=1), n_parts=(12, 3))
+    for level in (0, 1, -1):
+        wanted = quality(hierarchy.fine, hierarchy.levels[level])
+        values = hierarchy.quality(level)
+        assert list(values) == list(wanted)
+        for name in wanted:
+            np.testing.assert_array_equal(values[name], wanted[name])
+    assert list(hierarchy.quality(metrics=["CR"], threads=1)) == ["CR"]
+    with pytest.raises(IndexError, match="level 2"):
+        hierarchy.quality(2)
+    hierarchy.write(tmp_path / "method.npz")
+    write(tmp_path / "function.npz", hierarchy.fine, hierarchy)
+    assert (tmp_path / "method.npz").read_bytes() == (tmp_path / "function.npz").read_bytes()
+    hierarchy.write(tmp_path / "small.npz", compress=True)
+    assert read_hierarchy(tmp_path / "small.npz")[1].parts == [12, 3]
+    alone = agglomerate(hierarchy.graph, n_parts=2)
+    for refused in (alone.quality, lambda: alone.write(tmp_path / "graph.npz")):
+        with pytest.raises(MeshError, match="a graph without a mesh: agglomerate the Mesh"):
+            refused()
 
 
 def test_what_does_not_fit_together_is_refused() -> None:
