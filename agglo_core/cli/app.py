@@ -185,8 +185,8 @@ def _fail(message: str, context: click.Context | None = None) -> int:
     """Print an error, with the usage of the command that was called wrongly. Returns the exit code."""
     lines = [f"error: {printable(' '.join(message.split()))}"]
     if context is not None:
-        usage = " ".join(context.get_usage().split())
-        lines.append(f"{usage[0].lower()}{usage[1:]} (help: {context.command_path} -h)")
+        pieces = " ".join(context.command.collect_usage_pieces(context))
+        lines.append(f"usage: {context.command_path} {pieces} (help: {context.command_path} -h)")
     with suppress(OSError):  # stderr may be full, too: then only the exit code reports
         for line in lines:
             say(line)

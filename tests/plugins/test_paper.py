@@ -294,6 +294,5 @@ def test_bad_input_is_one_line(
     Path("torn.npz").write_bytes(b"PK\x03\x04 torn")
     write("solid.npz", samples.boxes(2))
     assert agglo("paper", *arguments) == 2
-    error = capsys.readouterr().err.splitlines()[-1]
-    assert error.startswith("error: ")
+    [error] = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
     assert complaint in error
