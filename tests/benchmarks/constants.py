@@ -76,7 +76,6 @@ CONSTANTS: Mapping[str, tuple[str, ...]] = {
         "agglo_core/multigrid/krylov/stopping.py:_FALL",
         "agglo_core/multigrid/smoothers/additive_schwarz.py:_DENSE",
         "agglo_core/multigrid/smoothers/additive_schwarz.py:_MOST_STEPS",
-        "agglo_core/problems/residuals/backward_error.py:_ROWS",
         "agglo_core/problems/residuals/backward_error.py:_TWO_DIGITS",
         "agglo_core/problems/residuals/row_scales.py:_ALIKE",
         "agglo_core/problems/residuals/row_scales.py:_PENALTY",
@@ -105,7 +104,6 @@ CONSTANTS: Mapping[str, tuple[str, ...]] = {
         "agglo_core/distributed/agglomeration/levels.py:_NODES_PER_PART",
         "agglo_core/distributed/agglomeration/levels.py:_CELLS_PER_NODE",
         "agglo_core/distributed/agglomeration/levels.py:_FEWEST_CELLS",
-        "agglo_core/distributed/agglomeration/levels.py:_SIZES_PER_PART",
         "agglo_core/distributed/agglomeration/levels.py:_FEW_NODES",
     ),
     "train": (
@@ -183,6 +181,7 @@ def agglomerate(seed: int) -> Figures:
         "lines": (flat, {"lines": True}),
         "regions": (plane, {"regions": regions, "method": "kway"}),
         "balance": (plane, {"balance": "measure"}),
+        "bounds": (plane, {"max_cells": 20, "min_cells": 10}),
     }
     for name, (mesh, how) in runs.items():
         agglo.agglomerate(mesh, n_parts=mesh.n_cells // 16, **how)
@@ -208,10 +207,11 @@ def measure(seed: int) -> Figures:
         "solids": (solids, agglo.agglomerate(solids, cells_per_part=32).levels[0]),
     }
     for name, (mesh, labels) in parts.items():
-        agglo.quality(mesh, labels)
+        metrics = ("UF", "CR", "box_ratio")
+        agglo.quality(mesh, labels, metrics=metrics)
         mesh = mesh.coarsen(labels)
         start = time.process_time()
-        values = agglo.quality(mesh, np.arange(mesh.n_cells))
+        values = agglo.quality(mesh, np.arange(mesh.n_cells), metrics=metrics)
         seconds = time.process_time() - start
         yield name, f"{sum(each.sum() for each in values.values()):.9g}", seconds
 
@@ -228,6 +228,8 @@ def matrices(seed: int) -> Figures:
     import agglo_core as agglo
     from agglo_core import samples
     from agglo_core.multigrid import additive_schwarz
+    from agglo_core.multigrid.coarse_solve import direct_solver
+    from agglo_core.multigrid.krylov.look_ahead import conjugate_gradients
     from agglo_core.multigrid.krylov.pcg import pcg
 
     rng = np.random.default_rng(seed)
@@ -277,6 +279,12 @@ def matrices(seed: int) -> Figures:
         error = history.x - exact
         energy = np.sqrt(error @ (plain @ error) / (exact @ (plain @ exact)))
         yield name, f"{history.iterations}, {_error(energy, history.converged)}", 0.0
+    plain_cg = conjugate_gradients(plain, plain @ exact, tolerance=1e-8)
+    yield "no levels", str(plain_cg.iterations), 0.0
+    free = two_point_flux(mesh, one, dirichlet=False)
+    load = free @ exact
+    left = load - free @ direct_solver(free, dense=100)(load)
+    yield "singular", f"{np.linalg.norm(left) / np.linalg.norm(load):.1e}", 0.0
     labels = agglo.agglomerate(mesh, cells_per_part=100).levels[0]
     start, steps = time.process_time(), [0]
     M = additive_schwarz(plain, None, labels)

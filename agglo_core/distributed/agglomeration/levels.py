@@ -27,8 +27,7 @@ _FEWEST_CELLS = 4
 Benchmark: benchmarks/constants.py."""
 
 _SIZES_PER_PART = 4.0
-"""Intermediate agglomerates that fit in a row into a part at the target size. No node exceeds its part.
-Benchmark: benchmarks/constants.py."""
+"""Intermediate agglomerates that fit in a row into a part at the target size. No node exceeds its part."""
 
 _FEW_NODES = 4096
 """Number of nodes per domain up to which nodes are sent without intermediate agglomeration.

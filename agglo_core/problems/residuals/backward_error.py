@@ -15,7 +15,7 @@ from agglo_core.problems.residuals.stiff_springs import stiffest_joint
 
 LIMIT = 2.0 * float(np.finfo(float).eps)
 """Backward error limited by rounding: direct solvers reach a tenth to a half of this bound."""
-_ROWS = 4096  # block rows per step; larger: larger copies of the entries (benchmarks/constants.py)
+_ROWS = 4096  # block rows per step; larger: larger copies of the entries
 _TWO_DIGITS = 0.01
 """Maximum energy error for an accurate x. Above, the matrix is numerically singular.
 Benchmark: benchmarks/constants.py."""
