@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -225,6 +226,29 @@ def check_targets(targets: Mapping[str, Any]) -> None:
                 raise OptionError(f"cells_per_part must be at least 1, given {number!r}")
 
 
+_RATIO = 8
+"""Default target: cells per part on the finest level, and parts per part on each further level. A larger
+value takes more multigrid iterations (benchmarks/solid_ratios.py)."""
+_COARSEST = 12
+"""Default target: number of parts on the coarsest level, up to a factor of √8."""
+
+
+def default_sizes(n_cells: int) -> tuple[int, ...]:
+    """Return the default ``cells_per_part``: 8, 64, 512, … down to about 12 parts.
+
+    There are ``max(1, round(log8(n_cells / 12)))`` levels. The coarsest level of a connected mesh with at
+    least 32 cells has 4 to 34 parts. A connected mesh with fewer than 12 cells becomes one part.
+
+    Examples
+    --------
+    >>> from agglo_core.agglomeration.goals import default_sizes
+    >>> default_sizes(5000), default_sizes(100_000), default_sizes(5)
+    ((8, 64, 512), (8, 64, 512, 4096), (8,))
+    """
+    levels = max(1, round(math.log(n_cells / _COARSEST, _RATIO)))
+    return tuple(_RATIO ** (level + 1) for level in range(levels))
+
+
 def resolve_goals(
     n_cells: int,
     h0: Callable[[], float],
@@ -234,10 +258,10 @@ def resolve_goals(
 ) -> tuple[Goal, ...]:
     """Convert the targets of a run, all of one kind, to the goals of its levels, finest first.
 
-    The default target is ``h_factor=(2, 4, 8)``, in units of the mesh size ``h0()``. On a connected mesh
-    ``cells_per_part=c`` means round(n / c) parts. In general each connected component of up to c cells is one
-    part, and the larger components, with m cells in total, are divided into round(m / c) parts.
-    ``components()`` returns the cell count per component.
+    On a connected mesh ``cells_per_part=c`` means round(n / c) parts. In general each connected component of
+    up to c cells is one part, and the larger components, with m cells in total, are divided into round(m / c)
+    parts. ``components()`` returns the cell count per component. ``h_factor`` is in units of the mesh size
+    ``h0()``. Without a target ``cells_per_part`` is :func:`default_sizes`.
 
     Raises
     ------
@@ -247,7 +271,7 @@ def resolve_goals(
     """
     check_targets(targets)
     given = ((name, value) for name, value in targets.items() if value is not None)
-    name, value = next(given, ("h_factor", (2.0, 4.0, 8.0)))
+    name, value = next(given, ("cells_per_part", default_sizes(n_cells)))
     values = _positive(name, value)
     if name in COUNTS:
         counts = _counts(values, n_cells) if name == "n_parts" else _means(values, n_cells, components)

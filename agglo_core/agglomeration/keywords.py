@@ -64,13 +64,14 @@ class Keywords:
     seed: int = field(default=0, metadata=_about("Default 0."))
     h_star: Numbers | None = field(default=None, metadata=_about("Largest diameters, one per level.", "size"))
     h_factor: Numbers | None = field(
-        default=None, metadata=_about("Largest diameters divided by h0 (default 2,4,8).", "size")
+        default=None, metadata=_about("Largest diameters divided by h0.", "size")
     )
     n_parts: Numbers | None = field(
         default=None, metadata=_about("Numbers of agglomerates, one per level.", "count")
     )
     cells_per_part: Numbers | None = field(
-        default=None, metadata=_about("Mean numbers of cells per agglomerate.", "count")
+        default=None,
+        metadata=_about("Mean numbers of cells per agglomerate (default 8,64,… to about 12 parts).", "count"),
     )
     _: KW_ONLY
     constraints: Sequence[Choice] = field(

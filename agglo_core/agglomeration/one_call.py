@@ -89,14 +89,15 @@ def agglomerate(
     ----------
     mesh : Mesh or Graph
     h_star : float or sequence, optional
-        Target: largest diameter of a part, one level per value. Only one kind of target may be given. Without
-        a target the default is ``h_factor=(2, 4, 8)``.
+        Target: largest diameter of a part, one level per value. Only one kind of target may be given.
     h_factor : float or sequence, optional
-        Target: largest diameter of a part in units of the mesh size h0.
+        Target: largest diameter of a part in units of the mesh size h0, the largest diameter of a cell.
     n_parts : int or sequence, optional
         Target: exact number of parts. An unreachable number raises an error.
     cells_per_part : float or sequence, optional
         Target: mean number of cells. Each connected component, also of a region, is at least one part.
+        Without any target: 8, 64, 512, … down to about 12 parts, that is ``max(1, round(log8(n / 12)))``
+        levels of a mesh with n cells.
     bisector : str, (str, options) or component object, optional
         Component that splits a piece in two. Default ``"kmeans"``.
     refiners : sequence of components, optional
@@ -109,7 +110,8 @@ def agglomerate(
     nested : bool, optional
         Whether each level coarsens the previous level. Default True.
     merge : bool, optional
-        Size targets: merge adjacent parts while their union meets the target. Default False.
+        Only with ``h_star`` or ``h_factor``: merge adjacent parts while their union meets the target. Default
+        False.
     polish : bool, optional
         Whether ``post_refiners`` run on each finished level. Default True.
     post_refiners : sequence of components, optional
@@ -133,7 +135,8 @@ def agglomerate(
         Cell data name, or numbers. Counts are distributed by these weights, and bounds on weights refer to
         them.
     balance : "cells", "measure" or "weights", optional
-        Quantity by which counts are distributed. Default: weights if given, else cells.
+        Quantity by which counts are distributed, also without a target. Default: weights if given, else
+        cells.
     max_cells : int, optional
         Largest number of cells in a part.
     min_cells : int, optional
@@ -174,7 +177,7 @@ def agglomerate(
     Raises
     ------
     OptionError
-        If targets or options are invalid, or contradict the constraints.
+        If targets or options are invalid, or contradict each other or the constraints.
     PluginError
         If a component is missing, unusable, or misbehaves.
 
@@ -185,6 +188,8 @@ def agglomerate(
     Hierarchy(64 cells -> 16, 4 parts)
     >>> agglo.agglomerate(mesh, bisector="coordinate", h_factor=4, polish=False).parts
     [4]
+    >>> agglo.agglomerate(agglo.samples.squares(40))
+    Hierarchy(1600 cells -> 200, 25 parts)
     """
     keywords = {name: value for name, value in locals().items() if name in NAMES}
     if not isinstance(mesh, Mesh | Graph):

@@ -13,11 +13,11 @@ import numpy as np
 
 from agglo_core.agglomeration.choices import new_run, short_name
 from agglo_core.agglomeration.goals import CountGoal, Goal, check_targets, resolve_goals
-from agglo_core.agglomeration.keywords import METHODS, TARGETS
+from agglo_core.agglomeration.keywords import METHODS, SIZES, TARGETS
 from agglo_core.agglomeration.levels.lines import line_levels
 from agglo_core.agglomeration.levels.ordered import compute_levels
 from agglo_core.agglomeration.levels.polishing import PostPass
-from agglo_core.agglomeration.levels.recursion import warn_of_large_cells
+from agglo_core.agglomeration.levels.recursion import note_repeated_levels, warn_of_large_cells
 from agglo_core.agglomeration.rules.edges import naming_constraints, raise_counts, remove_forbidden_edges
 from agglo_core.agglomeration.rules.members import Rules, imbalance
 from agglo_core.agglomeration.rules.parts import part_rules
@@ -57,10 +57,6 @@ class Pipeline(Rules):
         for name in ("nested", "merge", "polish"):
             if not isinstance(getattr(self, name), bool):
                 raise OptionError(f"{name} must be true or false, given {getattr(self, name)!r}")
-        if self.merge and (self.n_parts is not None or self.cells_per_part is not None):
-            raise OptionError(
-                "merge applies to size targets only; counts are exact without it: pass merge=False"
-            )
         for name in ("refiners", "post_refiners"):
             value = getattr(self, name)
             if isinstance(value, str) or not isinstance(value, Sequence):
@@ -120,6 +116,8 @@ class Pipeline(Rules):
         with naming_constraints(members):
             levels = make_levels(loaded, goals, run, post, kway=self.method == "kway", nested=self.nested)
         warn_of_large_cells(goals, run)
+        parts = [int(labels.max()) + 1 for labels in levels]
+        note_repeated_levels(goals, parts)
         # 4. Statistics and the hierarchy.
         statistics: dict[str, Any] = {"bisector": short_name(self.bisector), "method": self.method}
         if counts:
@@ -130,7 +128,7 @@ class Pipeline(Rules):
             mesh if isinstance(mesh, Mesh) else None,
             graph,
             tuple(levels),
-            [goal.record(int(labels.max()) + 1) for goal, labels in zip(goals, levels, strict=True)],
+            [goal.record(count) for goal, count in zip(goals, parts, strict=True)],
             self.nested or len(levels) == 1,
             run.statistics.told() | statistics,
         )
@@ -138,7 +136,15 @@ class Pipeline(Rules):
     def goals(
         self, n_cells: int, mesh_size: Callable[[], float], components: Callable[[], Int]
     ) -> tuple[Goal, ...]:
-        """Return the levels' goals for ``n_cells`` cells, finest first (:func:`~.goals.resolve_goals`)."""
+        """Return the levels' goals for ``n_cells`` cells, finest first (:func:`~.goals.resolve_goals`).
+
+        Raises
+        ------
+        OptionError
+            If a target is invalid, or ``merge`` is set without a size.
+        """
+        if self.merge and all(getattr(self, name) is None for name in SIZES):
+            raise OptionError("merge applies to sizes only: give h_star or h_factor, or pass merge=False")
         return resolve_goals(
             n_cells,
             mesh_size,

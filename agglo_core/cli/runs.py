@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
-from agglo_core.agglomeration.keywords import COUNTS, RULES, TARGETS
+from agglo_core.agglomeration.keywords import RULES, SIZES, TARGETS
 from agglo_core.cli.output.console import number
 from agglo_core.cli.output.tables import print_lines, print_table
 from agglo_core.cli.stopping import find_interrupt
@@ -88,10 +88,10 @@ def warm_up(given: Mapping[str, Any]) -> None:
     from agglo_core import samples
     from agglo_core.agglomeration.one_call import agglomerate
 
-    counts = any(name in given for name in COUNTS)
+    sizes = any(name in given for name in SIZES)
     options = {name: value for name, value in given.items() if name not in (*TARGETS, *RULES)}
     try:
-        agglomerate(samples.squares(4), **options, **({"n_parts": 4} if counts else {"h_factor": 2.0}))
+        agglomerate(samples.squares(4), **options, **({"h_factor": 2.0} if sizes else {"n_parts": 4}))
     except AggloError as error:
         if find_interrupt(error) is not None:
             raise

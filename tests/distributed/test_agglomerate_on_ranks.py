@@ -21,6 +21,8 @@ from agglo_core.distributed.agglomeration.part_components import component_sizes
 Labels = list[NDArray[Any]]
 
 CASES: dict[str, dict[str, Any]] = {
+    "default": {},
+    "default with regions": {"regions": "mat"},
     "sizes": {"h_factor": (2, 4, 8)},
     "counts down to one part": {"n_parts": (120, 24, 3, 1)},
     "few parts only": {"n_parts": 2},

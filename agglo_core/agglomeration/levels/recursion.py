@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from agglo_core.agglomeration.goals import Goal, SizeGoal
+from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal
 from agglo_core.agglomeration.levels.growth import grow_levels
 from agglo_core.agglomeration.levels.polishing import PostPass
 from agglo_core.agglomeration.run import Run
@@ -231,3 +231,21 @@ def warn_of_large_cells(goals: Sequence[Goal], run: Run) -> None:
         cells = "1 cell is" if count == 1 else f"{count} cells are"
         message = "%s larger than h* = %g; each such cell stays a part"
         logging.getLogger("agglo").warning(message, cells, finest.h_star)
+
+
+def note_repeated_levels(goals: Sequence[Goal], parts: Sequence[int]) -> None:
+    """Log a note on levels that have one part, or as many parts as the next finer level.
+
+    Levels with an exact part count are as requested and are left out.
+    """
+    remarks = []
+    for level, (goal, count) in enumerate(zip(goals, parts, strict=True)):
+        if isinstance(goal, CountGoal) and goal.exact:
+            continue
+        if level and count == parts[level - 1]:
+            remarks.append(f"level {level} has as many parts as level {level - 1}")
+        elif count == 1:
+            remarks.append(f"level {level} has one part")
+    if remarks:
+        message = "numbers of parts by level: %s; %s. n_parts=… sets them"
+        logging.getLogger("agglo").info(message, ", ".join(map(str, parts)), ", ".join(remarks))

@@ -6,7 +6,7 @@ from dataclasses import asdict, fields, replace
 
 from agglo_core.agglomeration import Pipeline
 from agglo_core.agglomeration.choices import new_run, short_name
-from agglo_core.agglomeration.levels.recursion import warn_of_large_cells
+from agglo_core.agglomeration.levels.recursion import note_repeated_levels, warn_of_large_cells
 from agglo_core.agglomeration.run import Run, Statistics
 from agglo_core.distributed.agglomeration.domain_run import DomainRun
 from agglo_core.distributed.agglomeration.hierarchy import DistributedHierarchy
@@ -88,14 +88,15 @@ def agglomerate(
             )
         labels = [beginning.of_own_cells(level.ids) for level in levels]
     # Collect statistics of all ranks.
-    statistics = _of_all_ranks(ranks, run)
+    statistics, parts = _of_all_ranks(ranks, run), [level.numbering.parts for level in levels]
     if is_first:
         warn_of_large_cells(start.goals, replace(run, statistics=statistics))
+        note_repeated_levels(start.goals, parts)
     return DistributedHierarchy(
         mesh,
         labels,
         [level.numbering.bounds for level in levels],
-        [goal.record(level.numbering.parts) for goal, level in zip(start.goals, levels, strict=True)],
+        [goal.record(count) for goal, count in zip(start.goals, parts, strict=True)],
         options.nested or len(levels) == 1,
         asdict(statistics)
         | {"bisector": short_name(options.bisector), "method": options.method}

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import logging
+from itertools import pairwise
+from math import log
+
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, OptionError, samples
-from agglo_core.agglomeration.goals import CountGoal, SizeGoal, resolve_goals
+from agglo_core.agglomeration.goals import CountGoal, SizeGoal, default_sizes, resolve_goals
 from agglo_core.arrays import frozen_int
 
 GRID = samples.squares(4)
@@ -27,8 +32,46 @@ def counts(goals):
     return tuple(goal.parts for goal in goals)
 
 
-def test_default_is_two_four_eight_mesh_sizes():
-    goals = resolved()
+@pytest.mark.parametrize(
+    ("cells", "per_part"),
+    [
+        (1, (8,)),
+        (271, (8,)),
+        (272, (8, 64)),
+        (2172, (8, 64)),
+        (2173, (8, 64, 512)),
+        (5976, (8, 64, 512)),
+        (10**6, (8, 64, 512, 4096, 32768)),
+    ],
+)
+def test_default_is_eight_cells_per_part_and_eight_parts_per_part(cells, per_part):
+    assert default_sizes(cells) == per_part
+    goals = resolve_goals(cells, lambda: 1.0)
+    assert goals == resolve_goals(cells, lambda: 1.0, cells_per_part=per_part)
+    assert [goal.asked["cells_per_part"] for goal in goals] == list(per_part)
+
+
+MESHES = {
+    "triangles": lambda n, seed: samples.random_triangles(n // 2 + 4, seed=seed),
+    "Voronoi cells": lambda n, seed: samples.voronoi(n, seed=seed),
+    "tetrahedra": lambda n, seed: samples.random_tetrahedra(n // 6 + 4, seed=seed),
+    "boxes": lambda n, seed: samples.boxes(round((n + seed) ** (1 / 3))),
+}
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.sampled_from(sorted(MESHES)), st.integers(30, 1500), st.integers(0, 99))
+def test_default_levels_follow_the_formula(family, size, seed):
+    mesh = MESHES[family](size, seed)
+    n, parts = mesh.n_cells, agglo.agglomerate(mesh).parts
+    levels = max(1, round(log(n / 12, 8)))
+    assert parts == [max(1, int(n / 8 ** (k + 1) + 0.5)) for k in range(levels)]
+    assert all(coarse < fine for fine, coarse in pairwise([n, *parts]))
+    assert n < 100 or 4 <= parts[-1] <= 34
+
+
+def test_factors_are_multiples_of_the_mesh_size():
+    goals = resolved(h_factor=(2, 4, 8))
     assert sizes(goals) == pytest.approx([np.sqrt(2) / 4 * f for f in (2, 4, 8)], rel=1e-14)
     assert [goal.asked["h_factor"] for goal in goals] == [2, 4, 8]
     assert tuple(goal.asked["h_star"] for goal in goals) == sizes(goals)
@@ -80,7 +123,7 @@ def test_small_components_are_parts_beside_the_mean_of_the_others(sizes_of_compo
 
 def test_mesh_size_of_a_graph_is_that_of_its_mesh():
     mesh = samples.voronoi(30, seed=4)
-    from_mesh, from_graph = agglo.agglomerate(mesh), agglo.agglomerate(mesh.graph)
+    from_mesh, from_graph = (agglo.agglomerate(each, h_factor=(2, 4, 8)) for each in (mesh, mesh.graph))
     targets = [each["h_star"] for each in from_graph.targets]
     assert targets == pytest.approx([2 * mesh.h, 4 * mesh.h, 8 * mesh.h])
     for one, other in zip(from_mesh.levels, from_graph.levels, strict=True):
@@ -129,12 +172,60 @@ def test_h_factor_needs_a_mesh_size():
     """A bare graph may have no cell vertices: its mesh size is zero, and so would be every target."""
     graph = Graph.from_arrays([0, 1, 2], [1, 0], [[0.0, 0.0], [1.0, 0.0]])
     with pytest.raises(OptionError, match="h_factor"):
-        agglo.agglomerate(graph)
-    assert agglo.agglomerate(graph, n_parts=1).parts == [1]
+        agglo.agglomerate(graph, h_factor=2)
+    assert agglo.agglomerate(graph).parts == agglo.agglomerate(graph, n_parts=1).parts == [1]
 
 
 def test_a_mesh_of_one_cell():
     mesh = Mesh.from_polygons([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    assert agglo.agglomerate(mesh).parts == [1, 1, 1]
+    assert agglo.agglomerate(mesh).parts == [1]
+    assert agglo.agglomerate(mesh, h_factor=(2, 4, 8)).parts == [1, 1, 1]
     assert agglo.agglomerate(mesh, n_parts=1).parts == [1]
     assert agglo.agglomerate(mesh, h_star=0.1).statistics["oversized_cells"] == 1
+
+
+SMALL = "numbers of parts by level: 1; level 0 has one part. n_parts=… sets them"
+ALIKE = (
+    "numbers of parts by level: 1, 1; level 0 has one part, level 1 has as many parts as level 0. n_parts=… "
+    "sets them"
+)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "targets", "messages"),
+    [
+        (samples.strip(5), {}, [SMALL]),
+        (samples.squares(4), {}, []),
+        (samples.squares(4), {"h_factor": (4, 8)}, [ALIKE]),
+        (samples.squares(4), {"h_factor": (4, 8), "nested": False}, [ALIKE]),
+        (samples.squares(4), {"cells_per_part": 16}, [SMALL]),
+        (samples.squares(4), {"n_parts": (4, 4, 1, 1)}, []),
+        (
+            samples.squares(4),
+            {"cells_per_part": (2, 4), "regions": np.arange(16) // 4 % 2 ^ np.arange(16) % 2},
+            ["numbers of parts by level: 16, 16; level 1 has as many parts as level 0. n_parts=… sets them"],
+        ),
+    ],
+)
+def test_levels_of_one_part_and_equal_levels_are_noted(mesh, targets, messages, caplog):
+    with caplog.at_level(logging.INFO, "agglo"):
+        agglo.agglomerate(mesh, **targets)
+    assert caplog.messages == messages
+
+
+@pytest.mark.parametrize("targets", [{}, {"n_parts": 4}, {"cells_per_part": 4}])
+def test_merge_needs_a_size(targets, tmp_path):
+    with pytest.raises(OptionError, match="merge applies to sizes only: give h_star or h_factor"):
+        agglo.agglomerate(GRID, merge=True, **targets)
+    (tmp_path / "run.toml").write_text("merge = true")  # the size may come from the call
+    merged = agglo.agglomerate(GRID, config=tmp_path / "run.toml", h_factor=2)
+    assert merged.levels[0].tolist() == agglo.agglomerate(GRID, merge=True, h_factor=2).levels[0].tolist()
+
+
+def test_weights_and_balance_apply_to_the_default():
+    mesh = samples.voronoi(200, seed=3)
+    for rule in ({"weights": np.arange(200.0)}, {"balance": "measure"}):
+        found, expected = agglo.agglomerate(mesh, **rule), agglo.agglomerate(mesh, **rule, cells_per_part=8)
+        np.testing.assert_array_equal(found.levels, expected.levels)
+        assert found.statistics["imbalance"] == expected.statistics["imbalance"]
+        assert found.parts == [25]

@@ -278,6 +278,13 @@ def test_runs_are_warmed_up_before_the_clock(agglo: Agglo, monkeypatch: pytest.M
     assert sizes == [(16, True), (9, True), (16, False), (9, False)]
 
 
+def test_a_level_of_one_part_is_noted(agglo: Agglo) -> None:
+    err = " ".join(agglo("run", "strip:5").err.split())
+    assert err == "note: numbers of parts by level: 1; level 0 has one part. n_parts=… sets them"
+    assert agglo("run", "strip:12").err == ""
+    assert agglo("run", "strip:5", "--quiet") == (0, "", "")
+
+
 def test_components_can_be_chosen_and_switched_off(agglo: Agglo) -> None:
     off = agglo(
         "run", "squares:n=4", "--parts", "4", "--refiner", "none", "--fixer", "connectivity", "--json"

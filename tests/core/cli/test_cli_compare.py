@@ -67,7 +67,8 @@ def test_combinations_come_in_the_order_asked_for(agglo: Agglo) -> None:
 
 def test_the_table_names_what_is_missing(agglo: Agglo) -> None:
     code, out, _ = agglo(
-        "compare", "squares:n=8", "--bisector", "inertial,kmeans", "--method", "kway,recursive"
+        *("compare", "squares:n=8", "--h-factor", "2,4"),
+        *("--bisector", "inertial,kmeans", "--method", "kway,recursive"),
     )
     assert code == 0
     assert "inertial kway" in out

@@ -53,7 +53,7 @@ def text_of(stream: object) -> str:
 def test_tables_and_help_survive(monkeypatch: pytest.MonkeyPatch, encoding: str, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     stdout = output(monkeypatch, encoding)
-    assert ended("run", "squares:n=4", "--bisector", "inertial") == 0
+    assert ended("run", "squares:n=4", "--bisector", "inertial", "--h-factor", "2") == 0
     assert ended("compare", "squares:n=4", "--bisector", "inertial,kmeans", "--method", "kway") == 0
     assert ended("solve", "squares:n=4", "--bisector", "inertial") == 0
     assert ended("solve", "--help") == 0
@@ -131,7 +131,7 @@ def test_streams_are_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_process_of_its_own(tmp_path: Path) -> None:
     environment = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-    command = [sys.executable, "-m", "agglo_core", "run", "squares:n=4", "--bisector", "inertial"]
+    command = [sys.executable, "-m", "agglo_core", "run", "squares:n=4", "--h-factor", "2"]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
     assert b"h <= 2 h0" in done.stdout

@@ -105,7 +105,7 @@ def test_every_failure_is_named_and_the_table_comes_first(
     monkeypatch.setattr(PAGE, raising(FileError("a.html: cannot be written")))
     code, out, err = agglo("run", "squares:n=8", "-o", "a.npz", "--plot", "a.png", "--report", "a.html")
     assert code == 3
-    assert out.index("mean diam/h*") < out.index("wrote a.npz")
+    assert out.index("8 cells each") < out.index("wrote a.npz")
     assert "wrote a.png" not in out
     assert [line[: line.rindex(":")] for line in err.splitlines()[-2:]] == [
         "error: a.png: OSError",
@@ -116,9 +116,9 @@ def test_every_failure_is_named_and_the_table_comes_first(
 def test_results_are_written_before_anything_is_drawn(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
     monkeypatch.setattr(DRAW, raising(KeyboardInterrupt()))
-    code, out, _ = agglo("run", "squares:n=8", "-o", "a.npz", "--plot", "a.png")
+    code, out, _ = agglo("run", "squares:n=8", "-o", "a.npz", "--plot", "a.png", "--parts", "8,4,2")
     assert (code, levels("a.npz")) == (130, 3)
-    assert "mean diam/h*" in out
+    assert "8 parts" in out
 
 
 def test_a_result_that_fails_costs_neither_table_nor_picture(

@@ -69,7 +69,7 @@ def cells_of(run: dict[str, Any]) -> Iterator[dict[str, str]]:
 
 
 def test_numbers_of_runs_are_whole(show: Show, agglo: Agglo) -> None:
-    ask = ["voronoi:n=300,seed=2", "--bisector", "inertial,coordinate"]
+    ask = ["voronoi:n=300,seed=2", "--bisector", "inertial,coordinate", "--h-factor", "2,4,8"]
     data = json.loads(agglo("compare", *ask, "--json").out)
     for command in ("run", "compare"):
         text = show(command, *ask)
@@ -106,7 +106,8 @@ def test_numbers_of_a_demo_are_whole(show: Show, agglo: Agglo, monkeypatch: pyte
 
 
 def test_numbers_of_a_file_are_whole(show: Show, agglo: Agglo) -> None:
-    agglo("run", "voronoi:n=300,seed=2", "--bisector", "inertial", "-o", "out.npz", "--quiet")
+    ask = ["voronoi:n=300,seed=2", "--bisector", "inertial", "--h-factor", "2,4,8"]
+    agglo("run", *ask, "-o", "out.npz", "--quiet")
     for pick in ([], ["--metrics", METRICS]):
         text = show("quality", "out.npz", *pick)
         for level in json.loads(agglo("quality", "out.npz", *pick, "--json").out)["levels"]:
