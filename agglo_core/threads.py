@@ -13,10 +13,16 @@ from typing import Any, TypeVar
 
 from agglo_core.errors import OptionError
 
-__all__ = ["mapped", "over_ranges", "ranges", "thread_count", "together", "using_threads"]
+__all__ = ["COSTLY", "mapped", "over_ranges", "ranges", "thread_count", "together", "using_threads"]
 
 _VARIABLE = "AGGLO_THREADS"
-_FEW = 20_000  # items (cells, faces) per thread: about a millisecond of work
+_FEW = 20_000  # items (cells, faces) per thread, about a millisecond of work (benchmarks/threads.py)
+COSTLY = 2_000
+"""Minimum items per range of a thread where an item takes microseconds, such as the integrals of a cell.
+
+Smaller: threads start for less work than their start takes. Larger: small meshes use fewer threads.
+Benchmark: benchmarks/constants.py.
+"""
 _Result = TypeVar("_Result")
 _chosen: ContextVar[int | None] = ContextVar("threads", default=None)
 _few: ContextVar[int | None] = ContextVar("few", default=None)

@@ -23,7 +23,7 @@ from agglo_core.multigrid.smoothers.level_smoothers import (
     smoother_setup,
 )
 from agglo_core.multigrid.smoothers.patch_smoother import AdditivePatches, VertexPatches
-from agglo_core.multigrid.smoothers.patches import joined_patches, vertex_patches
+from agglo_core.multigrid.smoothers.patches import MAX_PARTS, joined_patches, vertex_patches
 from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
@@ -32,6 +32,7 @@ from agglo_core.problems.residuals.row_scales import lifted, row_measure
 
 __all__ = [
     "COARSE_SOLVERS",
+    "MAX_PARTS",
     "SMOOTHERS",
     "Adapted",
     "AdditivePatches",

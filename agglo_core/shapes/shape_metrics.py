@@ -15,11 +15,10 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.mesh import Loops, Mesh
 from agglo_core.shapes import solid_shapes
 from agglo_core.shapes.metrics import agglomerates, plane_agglomerates
-from agglo_core.threads import over_ranges
+from agglo_core.threads import COSTLY, over_ranges
 
 _STRAIGHT = 1e-8  # radians; rounding of coordinates bends collinear edges by less
 
-_FEW = 2_000  # minimum number of agglomerates for a thread, which take some milliseconds
 
 Better = Literal["high", "low"]
 
@@ -138,7 +137,7 @@ def _sight_areas(mesh: Mesh) -> Float:
         found: Float = kernel_areas(points, first[own], *loops, offsets[own], hulls)
         return found
 
-    return np.concatenate(over_ranges(kernels, mesh.n_cells, few=_FEW))
+    return np.concatenate(over_ranges(kernels, mesh.n_cells, few=COSTLY))
 
 
 def _rectangles(mesh: Mesh) -> Float:
@@ -151,7 +150,7 @@ def _rectangles(mesh: Mesh) -> Float:
         found: Float = box_ratios(points, offsets[start : stop + 1], hulls)
         return found
 
-    return np.concatenate(over_ranges(narrowest, mesh.n_cells, few=_FEW))
+    return np.concatenate(over_ranges(narrowest, mesh.n_cells, few=COSTLY))
 
 
 def _hulls(mesh: Mesh) -> tuple[Float, Int, Int]:
@@ -166,7 +165,7 @@ def _hulls(mesh: Mesh) -> tuple[Float, Int, Int]:
         found: tuple[Float, Int, Int] = convex_hulls(points, row_offsets, vertices[first:last])
         return found
 
-    areas, offsets, found = zip(*over_ranges(hulls, mesh.n_cells, few=_FEW), strict=True)
+    areas, offsets, found = zip(*over_ranges(hulls, mesh.n_cells, few=COSTLY), strict=True)
     sizes = np.concatenate([np.diff(o) for o in offsets])
     ends = frozen_int(np.concatenate(([0], np.cumsum(sizes))))
     return frozen_float(np.concatenate(areas)), ends, frozen_int(np.concatenate(found))

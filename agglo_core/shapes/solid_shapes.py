@@ -12,7 +12,9 @@ from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 from agglo_core.threads import over_ranges
 
-_FEW_BALLS = 200  # minimum number of agglomerates for a thread: their balls take some ten milliseconds
+_FEW = 200
+"""Minimum number of agglomerates for a thread: their balls and hulls take some ten milliseconds.
+Benchmark: benchmarks/constants.py."""
 
 
 def ball_radii(mesh: Mesh, anywhere: bool) -> Float:
@@ -37,7 +39,7 @@ def over_surfaces(mesh: Mesh, kernel: Callable[..., Any], *arguments: Any) -> Fl
         values: Float = kernel(points, start, row_offsets, faces, mesh.face_cells, *triangles, *arguments)
         return values
 
-    return np.concatenate(over_ranges(of_cells, mesh.n_cells, few=_FEW_BALLS))
+    return np.concatenate(over_ranges(of_cells, mesh.n_cells, few=_FEW))
 
 
 def _triangles(mesh: Mesh) -> tuple[Int, Index]:
@@ -50,8 +52,6 @@ def _triangles(mesh: Mesh) -> tuple[Int, Index]:
 
 
 _Hulls = tuple[Float, Int, Index, Index]
-
-_FEW_HULLS = 500  # minimum number of agglomerates for a thread: their hulls take some milliseconds
 
 
 def hull_volumes(mesh: Mesh) -> Float:
@@ -105,4 +105,4 @@ def _hulls(mesh: Mesh) -> list[_Hulls]:
         volumes, ends, triangles, neighbours = result
         return volumes, frozen_int(ends), frozen_index(triangles), frozen_index(neighbours)
 
-    return over_ranges(hulls, mesh.n_cells, few=_FEW_HULLS)
+    return over_ranges(hulls, mesh.n_cells, few=_FEW)

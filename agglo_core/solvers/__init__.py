@@ -2,7 +2,14 @@
 
 from agglo_core.problems.iteration_history import unsolved
 from agglo_core.solvers.advice import Kind, advice_of_multigrid
-from agglo_core.solvers.fine_system import FineSystem, chosen_levels, fine_system, own_mesh
+from agglo_core.solvers.fine_system import (
+    CELLS_PER_PART,
+    FineSystem,
+    chosen_levels,
+    default_levels,
+    fine_system,
+    own_mesh,
+)
 from agglo_core.solvers.linear_task import LinearTask
 from agglo_core.solvers.option_checks import (
     chosen,
@@ -19,6 +26,7 @@ from agglo_core.solvers.scaling import data_size, factor_for, times, unscaled
 from agglo_core.solvers.stopwatch import Stopwatch
 
 __all__ = [
+    "CELLS_PER_PART",
     "FineSystem",
     "Kind",
     "LinearTask",
@@ -29,6 +37,7 @@ __all__ = [
     "chosen",
     "chosen_levels",
     "data_size",
+    "default_levels",
     "factor_for",
     "fine_system",
     "own_mesh",

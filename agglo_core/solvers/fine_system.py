@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -24,6 +24,13 @@ from agglo_core.solvers.scaling import factor_for, matrix_factor, unscaled, unsc
 from agglo_core.solvers.stopwatch import Stopwatch
 
 _log = logging.getLogger("agglo")
+
+CELLS_PER_PART: Final = 8
+"""Cells per part on the first default level, and parts per part on the next. A larger value makes the set-up
+cheaper and takes more iterations (benchmarks/solid_ratios.py --meshes solids)."""
+_FEWEST: Final = 60
+"""Smallest number of parts on the coarsest default level. A larger value leaves a larger system to the direct
+solver, a smaller value adds levels (benchmarks/solid_ratios.py --meshes solids)."""
 
 
 class FineSystem(NamedTuple):
@@ -223,3 +230,23 @@ def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
             "fewer parts"
         )
     return coarse_labels
+
+
+def default_levels(hierarchy: Hierarchy, count: int | None = None, first: int = CELLS_PER_PART) -> list[Int]:
+    """Agglomerate the mesh of a hierarchy without levels for a multigrid method, finest level first.
+
+    The first level has ``first`` cells per part, each further level an eighth of the parts, and the coarsest
+    at least 60. Parts are split along the axes, without polish. ``count`` limits the number of levels,
+    counting the mesh.
+    """
+    n, sizes = hierarchy.graph.n, list[int]()
+    while n // (first * CELLS_PER_PART ** len(sizes)) >= _FEWEST:
+        sizes.append(first * CELLS_PER_PART ** len(sizes))
+    sizes = sizes[: None if count is None else count - 1]
+    if not sizes:
+        return []
+    from agglo_core.agglomeration import agglomerate
+
+    given = hierarchy.fine if hierarchy.fine is not None else hierarchy.graph
+    coarse = agglomerate(given, bisector="coordinate", refiners=(), polish=False, cells_per_part=tuple(sizes))
+    return list(coarse.levels)

@@ -11,6 +11,7 @@ safeguard or a tolerance for rounding should change nothing. Meshes and matrices
 - ``measure``: seconds and the sum of the metrics of polygons and solids.
 - ``matrices``: iterations and measured error of solves with algebraic levels; "-" if not converged.
 - ``errors``: seconds and error norms of PolyDG solutions, and samples for pictures.
+- ``threads``: wall seconds of two threads for shape metrics and PolyDG matrices, and their largest entry.
 - ``build``: faces of solids whose faces do not match.
 - ``ranks``: score and number of parts of a distributed run, on one rank.
 - ``train``, ``train solids``: cut relative to 2-means of a briefly trained network.
@@ -95,6 +96,10 @@ CONSTANTS: Mapping[str, tuple[str, ...]] = {
         "plugins/agglo_polydg_mg/space/sampling.py:_TRIANGLES",
         "plugins/agglo_polydg_mg/space/sampling.py:_INSIDE",
     ),
+    "threads": (
+        "agglo_core/threads.py:COSTLY",
+        "agglo_core/shapes/solid_shapes.py:_FEW",
+    ),
     "build": (
         "agglo_core/mesh/construction/touching.py:_CHUNK",
         "agglo_core/mesh/construction/touching.py:_LIFT",
@@ -105,6 +110,7 @@ CONSTANTS: Mapping[str, tuple[str, ...]] = {
         "agglo_core/distributed/agglomeration/levels.py:_CELLS_PER_NODE",
         "agglo_core/distributed/agglomeration/levels.py:_FEWEST_CELLS",
         "agglo_core/distributed/agglomeration/levels.py:_FEW_NODES",
+        "agglo_core/distributed/agglomeration/levels.py:_SIZES_PER_PART",
     ),
     "train": (
         "plugins/agglo_gnn/training/loop.py:_BATCH",
@@ -319,6 +325,31 @@ def errors(seed: int) -> Figures:
         yield name, f"{text}, {np.abs(values - wave(points)).max():.3e}", seconds
 
 
+def threads(seed: int) -> Figures:
+    """Measure shapes and assemble PolyDG matrices of small and large meshes with two threads."""
+    import numpy as np
+
+    import agglo_core as agglo
+    from agglo_core import samples
+    from agglo_core.registry import default
+
+    metrics, polydg = ("convexity", "CR"), default().build("discretisation", "polydg", degree=1)
+    for n in (500, 5000):
+        for name, mesh in {
+            "triangles": samples.random_triangles(n, seed=seed),
+            "solids": samples.random_tetrahedra(n // 4, seed=seed),
+        }.items():
+            for _ in range(2):  # the first compiles kernels
+                mesh = mesh.renumbered(np.arange(mesh.n_cells))  # without derived quantities
+                start = time.perf_counter()
+                with agglo.using_threads(2):
+                    values = agglo.quality(mesh, np.arange(mesh.n_cells), metrics=metrics)
+                    A = polydg.assemble(agglo.Diffusion(source=1.0), mesh).A
+                seconds = time.perf_counter() - start
+            sizes = [float(each.mean()) for each in values.values()] + [float(abs(A).max())]
+            yield f"{name} {mesh.n_cells}", " ".join(f"{size:.9g}" for size in sizes), seconds
+
+
 def build(seed: int) -> Figures:
     """Join boxes whose faces do not match, with warped faces between them."""
     import numpy as np
@@ -362,7 +393,7 @@ def ranks(seed: int) -> Figures:
 
     mesh = samples.random_triangles(12_000, seed=seed)
     shared = DistributedMesh.scatter(mesh)
-    for name, target in {"parts": {"cells_per_part": 400}, "size": {"h_star": 0.2}}.items():
+    for name, target in {"parts": {"cells_per_part": 400}, "size": {"h_star": 0.4}}.items():
         pipeline = Pipeline(**target)
         agglomerate(shared, pipeline, block_cells=2000)
         start = time.process_time()
@@ -401,6 +432,7 @@ JOBS: Mapping[str, Callable[[int], Figures]] = {
     "measure": measure,
     "matrices": matrices,
     "errors": errors,
+    "threads": threads,
     "build": build,
     "ranks": ranks,
     "train": train,

@@ -27,7 +27,8 @@ _FEWEST_CELLS = 4
 Benchmark: benchmarks/constants.py."""
 
 _SIZES_PER_PART = 4.0
-"""Intermediate agglomerates that fit in a row into a part at the target size. No node exceeds its part."""
+"""Intermediate agglomerates that fit in a row into a part at the target size. Larger: more to send, with
+shapes that hardly differ. Benchmark: benchmarks/constants.py."""
 
 _FEW_NODES = 4096
 """Number of nodes per domain up to which nodes are sent without intermediate agglomeration.

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.arrays import Float, Index, Int, Mask, frozen_float, frozen_index, frozen_int
-from agglo_core.threads import over_ranges
+from agglo_core.threads import COSTLY, over_ranges
 
-# minimum blocks per range of a thread, some milliseconds of work (benchmarks/threads.py --cells 50000)
-_FEW = 2_000
 _NEAR = 1e-12  # relative distance from a limit within which bounds may be wrong by rounding
 
 
@@ -40,7 +38,7 @@ def diameters_of(offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index,
         diameters: Float = block_diameters(offsets[start : stop + 1], cells, vertex_offsets, vertices, points)
         return diameters
 
-    return frozen_float(np.concatenate(over_ranges(measure_range, len(offsets) - 1, few=_FEW, shares=1)))
+    return frozen_float(np.concatenate(over_ranges(measure_range, len(offsets) - 1, few=COSTLY, shares=1)))
 
 
 def compared_diameters(
@@ -68,7 +66,7 @@ def compared_diameters(
         bounds: Float = compare_diameters(ranges, cells, vertex_offsets, vertices, points, limits)
         return bounds
 
-    return frozen_float(np.concatenate(over_ranges(bound_range, len(offsets) - 1, few=_FEW, shares=1)))
+    return frozen_float(np.concatenate(over_ranges(bound_range, len(offsets) - 1, few=COSTLY, shares=1)))
 
 
 def wide_parts(
@@ -143,4 +141,4 @@ def _mark_wide_blocks(
         wide: Mask = wide_blocks(*arguments, limit)
         return wide
 
-    return np.concatenate(over_ranges(test_range, len(offsets) - 1, few=_FEW, shares=1))
+    return np.concatenate(over_ranges(test_range, len(offsets) - 1, few=COSTLY, shares=1))

@@ -16,11 +16,12 @@ _SHORT = 0.4
 Larger: fewer but larger patches (benchmarks/solve.py).
 """
 _JOINED = 3  # maximum number of vertices joined along short edges; more: larger patches (benchmarks/solve.py)
-# default maximum number of parts per vertex patch; larger: more memory (benchmarks/solve.py --meshes slivers)
-_MOST = 64
+MAX_PARTS = 64
+"""Default maximum number of parts per vertex patch. Memory and time of a patch grow faster than this number
+(benchmarks/solve.py --meshes slivers)."""
 
 
-def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = _MOST) -> Patches:
+def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = MAX_PARTS) -> Patches:
     """Return the patches of mesh cells, or of agglomerates, around their common vertices.
 
     A patch inside another is dropped. A part without neighbours forms a separate patch. Patches are in

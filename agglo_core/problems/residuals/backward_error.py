@@ -15,7 +15,6 @@ from agglo_core.problems.residuals.stiff_springs import stiffest_joint
 
 LIMIT = 2.0 * float(np.finfo(float).eps)
 """Backward error limited by rounding: direct solvers reach a tenth to a half of this bound."""
-_ROWS = 4096  # block rows per step; larger: larger copies of the entries
 _TWO_DIGITS = 0.01
 """Maximum energy error for an accurate x. Above, the matrix is numerically singular.
 Benchmark: benchmarks/constants.py."""
@@ -51,25 +50,11 @@ def is_known(A: Any) -> bool:
 
 
 def magnitudes(A: Any, x: Float) -> Float:
-    """Return |A| |x| ``(n,)`` with entrywise magnitudes, or 0 if A is only an operator.
-
-    Block rows are processed in chunks, because a copy of A takes longer than the product.
-    """
+    """Return |A| |x| ``(n,)`` with entrywise magnitudes, or 0 if A is only an operator."""
     if not is_known(A):
         return np.zeros(len(x))
-    if getattr(A, "format", "") != "bsr" or not A.has_canonical_format:
-        product: Float = abs(A) @ np.abs(x)
-        return product
-    height, sums = A.blocksize[0], np.zeros(A.shape[0])
-    for first in range(0, len(A.indptr) - 1, _ROWS):
-        starts = A.indptr[first : first + _ROWS + 1]
-        entries = slice(starts[0], starts[-1])
-        shape = ((len(starts) - 1) * height, A.shape[1])
-        part = sparse.bsr_array(
-            (np.abs(A.data[entries]), A.indices[entries], starts - starts[0]), shape=shape
-        )
-        sums[first * height : first * height + shape[0]] = part @ np.abs(x)
-    return sums
+    product: Float = abs(A) @ np.abs(x)
+    return product
 
 
 def joints_told(A: Any) -> str:

@@ -10,10 +10,6 @@ from scipy import sparse
 from agglo_core.authoring import Int, Patches, distributed, frozen_int, multigrid
 from agglo_petsc.ranks.border_plan import starts_of
 
-_MOST = 64
-"""Largest number of parts in a patch; vertices with more have none, as on one rank. Memory and time of a
-patch grow faster than its number of parts."""
-
 
 def patches_across(mesh: distributed.DistributedMesh, numbers: Int, bounds: Int) -> Patches:
     """Return the patches, sets of parts around the vertices where parts meet. Collective.
@@ -91,7 +87,9 @@ def _border_pairs(mesh: distributed.DistributedMesh, numbers: Int) -> Int:
 def _around_points(pairs: Any) -> Patches:
     """Return the set of parts at each point, given sorted pairs of points and parts."""
     sizes = np.unique(pairs[0], return_counts=True)[1]
-    return _select_patches(Patches(starts_of(sizes), frozen_int(pairs[1])), (sizes > 1) & (sizes <= _MOST))
+    return _select_patches(
+        Patches(starts_of(sizes), frozen_int(pairs[1])), (sizes > 1) & (sizes <= multigrid.MAX_PARTS)
+    )
 
 
 def _sort_patches(patches: Patches) -> Patches:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -21,7 +21,6 @@ from agglo_core.authoring import (
     OptionError,
     Problem,
     Solution,
-    agglomerate,
     frozen_float,
     frozen_int,
     multigrid,
@@ -29,13 +28,6 @@ from agglo_core.authoring import (
     symmetric_system,
 )
 from agglo_petsc.levels.polynomials import monomials
-
-_CELLS_PER_PART: Final = 8
-"""Cells per part on the first default level, and parts per part on the next. A larger value gives fewer
-levels and more iterations."""
-_FEWEST: Final = 60
-"""Smallest number of parts on the coarsest default level. A larger value leaves a larger system to the direct
-solver, a smaller value adds levels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +91,9 @@ def _pose_diffusion(
         solvers.factor_for(float(np.abs(system.b).max())),
         discretisation.residual_measure(problem, mesh, system.b),
     )
-    labels = _select_levels(hierarchy, levels) if hierarchy.levels else _build_levels(hierarchy, levels)
+    labels = (
+        _select_levels(hierarchy, levels) if hierarchy.levels else solvers.default_levels(hierarchy, levels)
+    )
     # 3. Near-null vectors: monomials on the mesh
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     centre, half = (low + high) / 2, float((high - low).max()) / 2
@@ -139,20 +133,6 @@ def _select_levels(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
     if levels is not None and levels > len(hierarchy.levels) + 1:
         raise OptionError(f"levels = {levels}, but with the mesh there are {len(hierarchy.levels) + 1}")
     return list(hierarchy.levels)[: None if levels is None else levels - 1]
-
-
-def _build_levels(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
-    """Agglomerate the mesh by default: 8 cells per part, and 8 parts per part of the next level."""
-    n, sizes = hierarchy.graph.n, list[int]()
-    while n // _CELLS_PER_PART ** (len(sizes) + 1) >= _FEWEST:
-        sizes.append(_CELLS_PER_PART ** (len(sizes) + 1))
-    sizes = sizes[: None if levels is None else levels - 1]
-    if not sizes or hierarchy.fine is None:
-        return []
-    straight = agglomerate(
-        hierarchy.fine, bisector="coordinate", refiners=(), polish=False, cells_per_part=tuple(sizes)
-    )
-    return list(straight.levels)
 
 
 def solution_of(

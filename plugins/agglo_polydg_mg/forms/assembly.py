@@ -14,6 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import (
+    COSTLY,
     Diffusion,
     Field,
     Float,
@@ -41,8 +42,6 @@ from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.gauss_points import gauss
 from agglo_polydg_mg.space.quadrature import per_cell, sample, weighted_moments
-
-_FEW = 4_000  # minimum cells per thread: one thread adds up their blocks in some ten milliseconds
 
 
 def discretise(
@@ -210,7 +209,7 @@ def _matrix(
     # 2. Faces, strip by strip
     points, pairs = mesh.local_points, mesh.face_pairs if mesh.dim == 2 else None
     frames = basis.boxes, basis.scale
-    over_ranges(add, mesh.n_cells, few=_FEW, shares=1)
+    over_ranges(add, mesh.n_cells, few=COSTLY, shares=1)
     return sparse.bsr_array((blocks, indices, indptr), shape=(basis.n, basis.n))
 
 

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from agglo_core.authoring import (
+    COSTLY,
     Float,
     Int,
     Mask,
@@ -24,8 +25,6 @@ from agglo_core.authoring import (
     solvers,
 )
 from agglo_polydg_mg.space.solid_geometry import require_convex, solid_heights
-
-_FEW = 10_000  # minimum cells per thread: one thread takes some milliseconds for them
 
 PAPER = 10.0
 """The paper's constant C, without unit; a larger one gives larger jump penalties (benchmarks/penalty.py)."""
@@ -99,7 +98,7 @@ def triangle_heights(mesh: Mesh) -> Float:
     def write(start: int, stop: int) -> None:
         largest_triangles(points, offsets[start : stop + 1], faces, *sides, start, heights)
 
-    over_ranges(write, mesh.n_cells, few=_FEW)
+    over_ranges(write, mesh.n_cells, few=COSTLY)
     return heights
 
 

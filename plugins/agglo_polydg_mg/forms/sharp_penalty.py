@@ -10,15 +10,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, frozen_float, over_ranges
+from agglo_core.authoring import COSTLY, Field, Float, Int, Mesh, MeshError, frozen_float, over_ranges
 from agglo_polydg_mg.forms.penalty import simplex_heights
 from agglo_polydg_mg.forms.side_sums import solid_requirements
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import gauss
 from agglo_polydg_mg.space.quadrature import inside, sample
-
-_FEW = 2_000  # minimum cells per thread: one thread takes some milliseconds for them
 
 MARGIN = 0.25
 """Smallest eigenvalue of the matrix A relative to the square of the DG norm. A larger value gives larger
@@ -99,7 +97,7 @@ def _plane_requirements(
             side_penalties(*shape, penalised, *cell_data, on_faces, *gauss(rule), basis.degree, requirements)
         )
 
-    return requirements, np.concatenate(over_ranges(ask, mesh.n_cells, few=_FEW))
+    return requirements, np.concatenate(over_ranges(ask, mesh.n_cells, few=COSTLY))
 
 
 def _by_simplices(

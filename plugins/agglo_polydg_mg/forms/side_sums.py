@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import Float, Int, Mask, frozen_float, frozen_int, over_ranges
+from agglo_core.authoring import COSTLY, Float, Int, Mask, frozen_float, frozen_int, over_ranges
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import simplex_rule
 from agglo_polydg_mg.space.polynomials import monomials, orders
-
-_FEW = 2_000  # minimum cells per thread: one thread takes some milliseconds for them
 
 
 def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: Float, blocks: Float) -> None:
@@ -65,7 +63,7 @@ def solid_requirements(basis: Basis, on_faces: Float, blocks: Float, held: Mask)
             )
         )
 
-    resolved = np.concatenate(over_ranges(ask, mesh.n_cells, few=_FEW))
+    resolved = np.concatenate(over_ranges(ask, mesh.n_cells, few=COSTLY))
     # 3. Spread to the faces, in owner–neighbour order
     resolved = resolved if walk is None else walk.back(resolved)
     turned = mesh.face_cells[:, 0] != all_sides.cells[all_sides.of_faces, 0]

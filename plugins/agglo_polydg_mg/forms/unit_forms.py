@@ -8,11 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from agglo_core.authoring import Field, Float, frozen_float, over_ranges
+from agglo_core.authoring import COSTLY, Field, Float, frozen_float, over_ranges
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.gauss_points import gauss
 
-_FEW: Final = 2_000  # minimum cells or faces per thread: one thread takes some milliseconds for them
 _MOST: Final = 2**31
 """Memory limit in bytes; a basis needs about twice the matrix size, 2.5 kB per triangle with p = 2."""
 
@@ -58,7 +57,7 @@ class UnitForms:
         def write(start: int, stop: int) -> None:
             unit_faces(*of_faces, start, *form_data, units[start:stop])
 
-        over_ranges(write, mesh.n_faces, few=_FEW)
+        over_ranges(write, mesh.n_faces, few=COSTLY)
         return frozen_float(units)
 
     @cached_property
@@ -89,7 +88,7 @@ class UnitForms:
                 whitened_forms(*shape, penalised, *cell_data, on_faces, *rule, basis.degree, forms)
             )
 
-        resolved = np.concatenate(over_ranges(write, mesh.n_cells, few=_FEW))
+        resolved = np.concatenate(over_ranges(write, mesh.n_cells, few=COSTLY))
         return frozen_float(forms), resolved
 
     def asked(self, kappa: Field, held: np.ndarray) -> tuple[Float, np.ndarray]:
@@ -107,5 +106,5 @@ class UnitForms:
             geometry = offsets[start : stop + 1], faces, mesh.face_cells, start, held, mesh.face_measures
             scaled_penalties(*geometry, values, forms, resolved, self.basis.degree, requirements)
 
-        over_ranges(ask, mesh.n_cells, few=_FEW)
+        over_ranges(ask, mesh.n_cells, few=COSTLY)
         return requirements, resolved

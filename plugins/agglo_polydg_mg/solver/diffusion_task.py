@@ -28,7 +28,7 @@ from agglo_polydg_mg.forms.assembly import cell_means
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.choose import Overrides, Plan, choose
-from agglo_polydg_mg.solver.levels import build, cells_per_part, levels_by_default
+from agglo_polydg_mg.solver.levels import build, cells_per_part
 from agglo_polydg_mg.solver.numbering import Numbering, numbering_for
 from agglo_polydg_mg.space.basis import Basis
 
@@ -159,9 +159,10 @@ class DiffusionTask:
     @cached_property
     def labels(self) -> list[Int]:
         """Agglomerate of each cell on the coarse levels, finest first."""
-        wanted = self.hierarchy.levels or self.makes_levels
+        if self.hierarchy.levels:
+            return solvers.chosen_levels(self.hierarchy, self.count)
         first = cells_per_part(self.plan, self.basis.degree)
-        return levels_by_default(self.hierarchy, self.count, first) if wanted else []
+        return solvers.default_levels(self.hierarchy, self.count, first) if self.makes_levels else []
 
     def stack(self) -> Any:
         """Build the multigrid levels, by a fallback method if rounding makes a block indefinite.

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglo_core.authoring import Diffusion, Hierarchy, Int, System, solvers
+from agglo_core.authoring import Diffusion, Int, System, solvers
 from agglo_polydg_mg.auxiliary.conforming_stack import conforming_stack
 from agglo_polydg_mg.auxiliary.grouped_stack import grouped_stack
 from agglo_polydg_mg.auxiliary.patch_recipe import patch_stack
@@ -18,15 +18,9 @@ from agglo_polydg_mg.space.basis import Basis
 _LOW: Final = 1
 """Polynomial degree on agglomerates in 3-D: levels with full degree take more time than they save
 (benchmarks/solid_ratios.py --meshes solids --degrees 2)."""
-_CELLS_PER_PART: Final = 8
-"""Cells per agglomerate on the first default level, and agglomerates per agglomerate of the next. A larger
-value makes the set-up cheaper and takes more iterations (benchmarks/solid_ratios.py --meshes solids)."""
 _CELLS_PER_LUMP: Final = 27
 """Cells per agglomerate on the first level of polyhedra at degree 1: seven iterations more than with 8, a
 third of the set-up time (benchmarks/solid_ratios.py --meshes solids)."""
-_FEWEST: Final = 60
-"""Smallest number of parts of the coarsest default level. A larger value leaves a larger system to the direct
-solver, a smaller value adds levels (benchmarks/solid_ratios.py --meshes solids)."""
 
 
 def build(
@@ -65,36 +59,4 @@ def build(
 
 def cells_per_part(plan: Plan, degree: int) -> int:
     """Return the number of cells per agglomerate on the finest level, if the solver makes its own levels."""
-    return _CELLS_PER_LUMP if plan.recipe == "agglomerates" and degree == 1 else _CELLS_PER_PART
-
-
-def levels_by_default(
-    hierarchy: Hierarchy, count: int | None = None, first: int = _CELLS_PER_PART
-) -> list[Int]:
-    """Return the labels of the hierarchy's levels, finest first, or of default levels if it has none.
-
-    The hierarchy's levels are used if there are any. Otherwise levels are made with ``first``
-    cells per part and, from level to level, an eighth of the parts. ``count`` limits the number of
-    levels, the mesh included; default levels may be fewer.
-
-    Raises
-    ------
-    OptionError
-        If the hierarchy has levels, but fewer than ``count``, or none is coarser than the mesh.
-    """
-    if hierarchy.levels:
-        return solvers.chosen_levels(hierarchy, count)
-    n = hierarchy.graph.n
-    sizes = []
-    while n // (first * _CELLS_PER_PART ** len(sizes)) >= _FEWEST:
-        sizes.append(first * _CELLS_PER_PART ** len(sizes))
-    sizes = sizes[: None if count is None else count - 1]
-    if not sizes:
-        return []
-    from agglo_core.authoring import agglomerate
-
-    given = hierarchy.fine if hierarchy.fine is not None else hierarchy.graph
-    straight = agglomerate(
-        given, bisector="coordinate", refiners=(), polish=False, cells_per_part=tuple(sizes)
-    )
-    return list(straight.levels)
+    return _CELLS_PER_LUMP if plan.recipe == "agglomerates" and degree == 1 else solvers.CELLS_PER_PART

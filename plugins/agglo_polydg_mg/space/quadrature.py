@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.authoring import (
+    COSTLY,
     AggloError,
     Field,
     Float,
@@ -87,7 +88,6 @@ def _delaunay(mesh: Mesh, cells: Int) -> tuple[Int, Float]:
     return cells[owners], corners
 
 
-_FEW = 4_000  # minimum cells per thread: one thread integrates over them in some milliseconds
 # Quadrature points per batch, which fits into the processor cache (benchmarks/constants.py)
 _POINTS = 200_000
 
@@ -129,7 +129,7 @@ def moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None = None) -> 
         found: Float = boundary_moments(points, own, faces, *sides, start, boxes[start:stop], *rule, degree)
         return found
 
-    return np.concatenate(over_ranges(integrals, mesh.n_cells, few=_FEW))
+    return np.concatenate(over_ranges(integrals, mesh.n_cells, few=COSTLY))
 
 
 def _solid_moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None) -> Float:
@@ -146,7 +146,7 @@ def _solid_moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None) -> 
         own = mesh.local_points, offsets[start : stop + 1], faces, *shape, start, boxes[start:stop]
         return np.asarray(solid_moments(*own, *rule, orders(degree, 3)))
 
-    found = np.concatenate(over_ranges(integrals, mesh.n_cells, few=_FEW))
+    found = np.concatenate(over_ranges(integrals, mesh.n_cells, few=COSTLY))
     return found if walk is None else walk.back(found)
 
 
@@ -174,7 +174,7 @@ def weighted_moments(mesh: Mesh, field: Field, boxes: Float, degree: int, name: 
             ends = offsets[start : stop + 1]  # noqa: B023
             return _at_points(points, values, ends, batch_boxes[start:stop], degree)  # noqa: B023
 
-        result[part] = np.concatenate(over_ranges(integrals, len(batch_boxes), few=_FEW))
+        result[part] = np.concatenate(over_ranges(integrals, len(batch_boxes), few=COSTLY))
     return result
 
 

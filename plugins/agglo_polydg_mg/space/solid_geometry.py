@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import Float, Int, Mesh, MeshError, frozen_float, frozen_int, over_ranges
-
-_FEW = 10_000  # minimum cells per thread: one thread takes some milliseconds for them
+from agglo_core.authoring import COSTLY, Float, Int, Mesh, MeshError, frozen_float, frozen_int, over_ranges
 
 
 def boxes_of_solids(mesh: Mesh) -> Float:
@@ -72,7 +70,7 @@ def solid_heights(mesh: Mesh) -> tuple[Float, np.ndarray]:
         own = offsets[start : stop + 1], faces, starts[start : stop + 1], vertices
         return np.asarray(farthest_vertices(mesh.local_points, *own, *of_faces, start, heights))
 
-    return heights, np.concatenate(over_ranges(write, mesh.n_cells, few=_FEW))
+    return heights, np.concatenate(over_ranges(write, mesh.n_cells, few=COSTLY))
 
 
 def require_convex(convex: np.ndarray, what: str) -> None:
