@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from numbers import Integral, Real
 from typing import Any, Literal
 
 from numpy.typing import ArrayLike
@@ -29,10 +30,20 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener
 from agglo_core.registry import Registry
+from agglo_core.suggestions import suggest_keywords
 
 _DEFAULT = Pipeline()
 
 
+def _keyword_for(value: object) -> str:
+    """Return the probable keyword for a value that was given without a name."""
+    first = value[0] if isinstance(value, list | tuple) and value else value
+    if isinstance(first, str):
+        return "bisector"
+    return "h_star" if isinstance(first, Real) and not isinstance(first, Integral) else "n_parts"
+
+
+@suggest_keywords(_keyword_for)
 def agglomerate(
     mesh: Mesh | Graph,
     *,

@@ -30,6 +30,7 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener, followed, phase
 from agglo_core.registry import Registry, default
+from agglo_core.suggestions import suggest_keywords
 from agglo_core.threads import thread_count, using_threads
 
 
@@ -159,3 +160,6 @@ class Pipeline(Rules):
             return float(graph.part_diameters(np.arange(graph.n)).max())
 
         return self.goals(graph.n, mesh_size, lambda: frozen_int(np.bincount(rule_graph.components())))
+
+
+Pipeline.__init__ = suggest_keywords()(Pipeline.__init__)  # type: ignore[method-assign]

@@ -13,6 +13,7 @@ from agglo_core.agglomeration.keywords import COMPONENT_LISTS, COMPONENTS, NAMES
 from agglo_core.errors import FileError
 from agglo_core.registry.code_options import mark_texts
 from agglo_core.registry.toml_files import read_toml
+from agglo_core.suggestions import did_you_mean
 
 
 def read_run_file(path: Path, *, allow_code: bool = False) -> dict[str, Any]:
@@ -34,7 +35,8 @@ def read_run_file(path: Path, *, allow_code: bool = False) -> dict[str, Any]:
     table = read_toml(path)
     unknown = sorted(set(table) - set(NAMES))
     if unknown:
-        raise FileError(f"{path}: unknown key {unknown[0]!r}; accepted: {', '.join(NAMES)}")
+        hint = did_you_mean(unknown[0], NAMES)
+        raise FileError(f"{path}: unknown key {unknown[0]!r}{hint}; accepted: {', '.join(NAMES)}")
 
     def choice(key: str, value: Any) -> Choice:
         if isinstance(value, str):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import errno
 import os
 import sys
@@ -32,6 +31,7 @@ from agglo_core.errors import AggloError, PluginError
 from agglo_core.registry import CORE_COMMANDS, Record, default, describe
 from agglo_core.registry.construct import resolve
 from agglo_core.registry.containment import printable
+from agglo_core.suggestions import did_you_mean
 
 _ON_RANKS = ("run", "solve")  # commands that support several ranks
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # possible errors of writing to stdout
@@ -94,11 +94,9 @@ def _stand_in(name: str, record: Record) -> click.Command:
 
 
 def _unknown(name: str, names: list[str]) -> str:
-    close = difflib.get_close_matches(name, names, n=1)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
     failures = [record for record in default().list() if record.kind == "plugin"]
     reasons = "".join(f"; {describe(record)} is {record.state}: {record.reason}" for record in failures)
-    return f"no command {name!r}{hint}; accepted: {', '.join(names)}{reasons}"
+    return f"no command {name!r}{did_you_mean(name, names)}; accepted: {', '.join(names)}{reasons}"
 
 
 @click.group(

@@ -23,6 +23,7 @@ from agglo_core.io.file_checks import name_in_errors, read_by, read_hierarchy_by
 from agglo_core.io.formats import Formats, KnownFormat
 from agglo_core.progress import Listener, followed, labelled, phase, unwrapped
 from agglo_core.registry import Registry, default
+from agglo_core.suggestions import suggest_keywords
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -53,6 +54,7 @@ def __getattr__(name: str) -> object:
     return getattr(import_module(_CLASSES[name]), name)
 
 
+@suggest_keywords()
 def read(
     path: str | PathLike[str],
     *,
@@ -117,6 +119,7 @@ def read(
         return _formats(registry, options).first_accepted(source, read_by)
 
 
+@suggest_keywords()
 def read_hierarchy(
     path: str | PathLike[str], *, allow_gaps: bool = False, registry: Registry | None = None
 ) -> tuple[Mesh, Hierarchy | None]:
@@ -152,6 +155,7 @@ def read_hierarchy(
         return formats.first_accepted(source, read_hierarchy_by)
 
 
+@suggest_keywords()
 def write(
     path: str | PathLike[str],
     mesh: Mesh,

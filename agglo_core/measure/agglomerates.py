@@ -17,6 +17,7 @@ from agglo_core.measure.selection import RATIOS, Metric, build_metrics, select
 from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener, Tell, followed, part, phase
 from agglo_core.registry.attribution import Member, attributed
+from agglo_core.suggestions import suggest_keywords
 from agglo_core.threads import using_threads
 
 if TYPE_CHECKING:
@@ -96,6 +97,7 @@ class Level:
         return float(defined.mean()) if len(defined) else None
 
 
+@suggest_keywords()
 def quality(
     mesh: Mesh,
     labels: ArrayLike,

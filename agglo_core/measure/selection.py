@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +13,7 @@ from agglo_core.registry import Registry, default, describe
 from agglo_core.registry.attribution import Member
 from agglo_core.registry.containment import shown
 from agglo_core.registry.options import name_and_options
+from agglo_core.suggestions import did_you_mean
 
 Metric = str | QualityMetric | tuple[str, Mapping[str, Any]]
 """A metric's name, a metric, or a name with its options."""
@@ -92,8 +92,7 @@ def build_metrics(chosen: Iterable[Metric], registry: Registry | None = None) ->
 
 
 def _describe_unknown_name(name: str, metrics: Sequence[str]) -> str:
-    close = difflib.get_close_matches(name, [*metrics, *OBJECTIVES], n=1)
-    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    hint = did_you_mean(name, [*metrics, *OBJECTIVES])
     return (
         f"no metric or objective is named {name!r}{hint}; metrics: {', '.join(metrics) or 'none'}; "
         f"objectives: {', '.join(OBJECTIVES)}"

@@ -23,8 +23,10 @@ from agglo_core.multigrid.stack import LevelStack
 from agglo_core.problems import Solution, System
 from agglo_core.problems.multigrid_level import LevelTable
 from agglo_core.problems.real_arrays import real_array
+from agglo_core.suggestions import suggest_keywords
 
 
+@suggest_keywords()
 def build_levels(
     A: Any,
     hierarchy: Hierarchy | None = None,

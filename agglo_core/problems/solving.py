@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from inspect import signature
 from typing import Any
 
 from agglo_core.errors import AggloError, OptionError, PluginError
@@ -15,10 +16,13 @@ from agglo_core.problems.solution import Solution
 from agglo_core.progress import Listener, followed, phase, unwrapped
 from agglo_core.registry import Registry, default, describe
 from agglo_core.registry.attribution import Member, attributed
+from agglo_core.registry.construct import check_options, resolve
 from agglo_core.registry.containment import shown
 from agglo_core.registry.options import name_and_options
+from agglo_core.suggestions import did_you_mean, suggest_keywords
 
 
+@suggest_keywords()
 def solve(
     on: Mesh | Hierarchy,
     problem: Problem | None = None,
@@ -87,17 +91,18 @@ def solve(
 
 def _member(solver: Any, options: Mapping[str, Any], registry: Registry | None) -> Member:
     """Return a solver built by name, or a given object after a check for its method ``solve``."""
+    keywords = signature(solve).parameters
     if isinstance(solver, str | tuple):
         name, spec_options = (solver, {}) if isinstance(solver, str) else name_and_options("solver", solver)
         source = default() if registry is None else registry
         record = source.record("solver", name)
-        return Member(source.assemble(record, {**spec_options, **options}), describe(record))
+        checked = check_options(record, resolve(record), {**spec_options, **options}, also=keywords)
+        return Member(source.assemble(record, checked), describe(record))
     if isinstance(solver, type) or not callable(getattr(solver, "solve", None)):
         raise OptionError(f"{solver!r} is not a solver: expected a name or an object with solve")
     if options:
-        raise OptionError(
-            f"options apply only to solvers given by name; given {', '.join(options)} with a solver object"
-        )
+        given = ", ".join(name + did_you_mean(name, keywords) for name in options)
+        raise OptionError(f"options apply only to solvers given by name; given {given} with a solver object")
     return Member(solver, f"solver {type(solver).__name__}")
 
 

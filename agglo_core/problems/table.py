@@ -11,6 +11,7 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
+from agglo_core.suggestions import did_you_mean
 
 _LARGEST = sys.float_info.max
 
@@ -19,7 +20,9 @@ def require_keys(table: Mapping[str, Any], keys: Sequence[str]) -> None:
     """Raise OptionError for unknown keys in a table. ``kind`` is always accepted."""
     unknown = sorted(set(table) - set(keys))
     if unknown:
-        raise OptionError(f"unknown key {unknown[0]!r}; accepted: {', '.join([*keys, 'kind'])}")
+        accepted = [*keys, "kind"]
+        hint = did_you_mean(unknown[0], accepted)
+        raise OptionError(f"unknown key {unknown[0]!r}{hint}; accepted: {', '.join(accepted)}")
 
 
 def number(key: str, value: Any) -> float:

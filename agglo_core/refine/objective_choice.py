@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +15,7 @@ from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import IncrementalMetric
 from agglo_core.registry import Registry, default, describe
 from agglo_core.registry.attribution import attributed
+from agglo_core.suggestions import did_you_mean
 
 Changes = Callable[[Graph, Int, Int, Int], Float]
 
@@ -90,8 +90,7 @@ def choose_objective(objective: str | IncrementalMetric, registry: Registry | No
         raise OptionError(
             f"objective {objective!r} cannot evaluate single moves; use one of {', '.join(able)}"
         )
-    close = difflib.get_close_matches(objective, [*able, *names], n=1)
-    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    hint = did_you_mean(objective, [*able, *names])
     raise OptionError(
         f"no objective is named {objective!r}{hint}; there are {', '.join(able)}, and metrics with a method "
         "changes(graph, labels, cells, parts)"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import logging
 import os
 import sys
@@ -24,6 +23,7 @@ from agglo_core.registry.declarations import Command, Component, Hooks, faults, 
 from agglo_core.registry.discovery import Found, attach, detach, find_entry_points
 from agglo_core.registry.kinds import KINDS
 from agglo_core.registry.records import Installed, Record, describe, with_conflicts, with_requirements
+from agglo_core.suggestions import did_you_mean
 
 Records = list[Record]
 Declared = list[Component | Command]
@@ -289,11 +289,9 @@ class Registry:
         """Return the error message for an unknown name, with the closest match and the available names."""
         records = self._records()
         states = {r.name: "" if r.state == "ok" else f" ({r.state})" for r in records if r.kind == kind}
-        close = difflib.get_close_matches(name, states, n=1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
         available = ", ".join(f"{component}{state}" for component, state in sorted(states.items())) or "none"
         failures = "; ".join(f"{describe(r)}: {r.reason}" for r in records if r.kind == "plugin")
-        return f"no {kind} is named {name!r}{hint}; available: {available}" + (
+        return f"no {kind} is named {name!r}{did_you_mean(name, states)}; available: {available}" + (
             f"; plugins that cannot be used: {failures}" if failures else ""
         )
 

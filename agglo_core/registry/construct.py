@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import reduce
 from importlib import import_module
 from typing import Any
@@ -22,6 +21,7 @@ from agglo_core.registry.kinds import KINDS
 from agglo_core.registry.option_types import Text, parse_value
 from agglo_core.registry.options import convert, options_of, wants_registry
 from agglo_core.registry.records import Record, describe, unusable
+from agglo_core.suggestions import did_you_mean
 
 
 def resolve(record: Record) -> Any:
@@ -80,8 +80,12 @@ def construct(record: Record, options: Mapping[str, Any], registry: object = Non
     return built
 
 
-def check_options(record: Record, target: Any, options: Mapping[str, Any]) -> dict[str, Any]:
+def check_options(
+    record: Record, target: Any, options: Mapping[str, Any], also: Iterable[str] = ()
+) -> dict[str, Any]:
     """Check a component's options, and convert them to the declared types.
+
+    ``also`` are further names for the suggestion, such as the keywords of a function that passes options on.
 
     Raises
     ------
@@ -94,8 +98,7 @@ def check_options(record: Record, target: Any, options: Mapping[str, Any]) -> di
     accepted = {option.name: option for option in parameters}
     for name in options:
         if name not in accepted:
-            close = difflib.get_close_matches(name, accepted, n=1)
-            hint = f" (did you mean {close[0]!r}?)" if close else ""
+            hint = did_you_mean(name, [*accepted, *also])
             listed = ", ".join(accepted) or "none"
             raise OptionError(f"{describe(record)} has no option {name!r}{hint}; accepted: {listed}")
     lacking = [option.name for option in parameters if option.required and option.name not in options]

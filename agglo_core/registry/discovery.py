@@ -5,7 +5,6 @@ Failures become reasons, not exceptions.
 
 from __future__ import annotations
 
-import difflib
 import inspect
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ import pluggy
 
 from agglo_core.registry.containment import LoadingError, contain_loading, printable, shown
 from agglo_core.registry.declarations import Command, Component, Hooks
+from agglo_core.suggestions import did_you_mean
 
 GROUP = "agglo"
 _HOOKS = tuple(name for name in vars(Hooks) if name.startswith("agglo_"))
@@ -107,9 +107,7 @@ def _find_hook_fault(manager: pluggy.PluginManager, plugin: object) -> str:
             continue
         hook = (marks and marks.get("specname")) or name
         if hook not in _HOOKS and not (marks and marks.get("optionalhook")):
-            close = difflib.get_close_matches(hook, _HOOKS, n=1)
-            hint = f" (did you mean {close[0]!r}?)" if close else ""
-            return f"unknown hook {hook!r}{hint}; accepted: {', '.join(_HOOKS)}"
+            return f"unknown hook {hook!r}{did_you_mean(hook, _HOOKS)}; accepted: {', '.join(_HOOKS)}"
         if marks is None:
             return f"{hook} is not marked with @hookimpl (from agglo_core import hookimpl)"
         n_hooks += 1

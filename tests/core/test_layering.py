@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 PLUGINS = sorted(folder.name for folder in (ROOT / "plugins").glob("agglo_*") if folder.is_dir())
 FILES = sorted([*(ROOT / "agglo_core").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
 
-EVERYBODY = {"arrays", "errors", "files", "progress", "threads"}
-"""Modules that all folders may import, except the registry: errors and files alone let it start fast."""
+EVERYBODY = {"arrays", "errors", "files", "progress", "suggestions", "threads"}
+"""Modules that all folders may import, except the registry, which starts fast without numpy."""
 
 MAY_IMPORT = {
     "arrays": {"errors"},
@@ -29,7 +29,8 @@ MAY_IMPORT = {
     "lazy_names": set(),
     "packaging": set(),
     "progress": {"errors"},
-    "registry": {"errors", "files"},
+    "registry": {"errors", "files", "suggestions"},
+    "suggestions": set(),
     "threads": {"errors"},
     "compiled": EVERYBODY | {"lazy_names"},
     "mesh": EVERYBODY | {"compiled"},
@@ -82,7 +83,8 @@ LATER = {
 }
 """Modules with methods that import from a later folder when they are called, such as ``mesh.graph``."""
 
-LOOSE = {"__init__", "__main__", "arrays", "authoring", "builtin", "errors", "lazy_names", "threads"}
+LOOSE = {"__init__", "__main__", "arrays", "authoring", "builtin", "errors"}
+LOOSE |= {"lazy_names", "suggestions", "threads"}
 
 
 def dotted(file: Path) -> str:

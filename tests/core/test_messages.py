@@ -41,7 +41,7 @@ TOML: dict[str, tuple[bytes, str]] = {
     "a word for a truth": (b'nested = "yes"', "nested must be true or false, given 'yes'"),
     "a word for a list": (b'refiners = "interface"', "refiners must be a list, given 'interface'"),
     "a number for a name": (b"bisector = 3", "bisector must be a name or a table with a name, given 3"),
-    "an unknown key": (b"h_stra = 1", "unknown key 'h_stra'; accepted: bisector, "),
+    "an unknown key": (b"h_stra = 1", "unknown key 'h_stra' (did you mean 'h_star'?); accepted: bisector, "),
 }
 
 

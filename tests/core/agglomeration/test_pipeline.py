@@ -132,7 +132,7 @@ def test_arguments_win_over_the_file(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("bisektor = 'kmeans'", "unknown key 'bisektor'; accepted: bisector, refiners"),
+        ("bisektor = 'kmeans'", r"'bisektor' \(did you mean 'bisector'\?\); accepted: bisector, refiners"),
         ("bisector = 3", "bisector must be a name or a table with a name"),
         ("[bisector]\nn_init = 3", "bisector must be a name or a table with a name"),
         ("refiners = 'interface'", "refiners must be a list"),

@@ -96,7 +96,7 @@ def test_a_bug_keeps_its_traceback(plugin_commands: None) -> None:
 def test_unknown_commands_say_what_there_is(agglo: Agglo) -> None:
     code, _, err = agglo("plugns")
     assert code == 2
-    assert err.startswith("error: no command 'plugns'; did you mean 'plugins'?")
+    assert err.startswith("error: no command 'plugns' (did you mean 'plugins'?); accepted: demo")
     assert err.endswith("\nusage: agglo [OPTIONS] [COMMAND] [ARGS]... (help: agglo -h)\n")
 
 

@@ -188,7 +188,10 @@ def test_matrices_and_vectors_in_other_files(tmp_path: Path) -> None:
 
 
 BAD_SYSTEMS = {
-    "key": ({"matrx": "A.mtx"}, "unknown key 'matrx'; accepted: matrix, rhs, unknowns, near_null, kind"),
+    "key": (
+        {"matrx": "A.mtx"},
+        "unknown key 'matrx' (did you mean 'matrix'?); accepted: matrix, rhs, unknowns",
+    ),
     "no rhs": ({"rhs": None}, "rhs must be the name of a file, not given"),
     "no name": ({"matrix": 3}, "matrix must be the name of a file, given 3"),
     "suffix": ({"matrix": "A.mat"}, "matrix must end in .mtx, .npz, given 'A.mat'"),

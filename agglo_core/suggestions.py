@@ -1,0 +1,94 @@
+"""Suggestions in error messages: the closest name, and the correct form of a wrong call."""
+
+from __future__ import annotations
+
+import difflib
+import reprlib
+from collections.abc import Callable, Iterable
+from functools import wraps
+from inspect import signature
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def did_you_mean(name: str, names: Iterable[str], n: int = 1) -> str:
+    """Return a hint to the closest names for an error message, empty if none is close.
+
+    Parameters
+    ----------
+    name : str
+    names : iterable of str
+        The accepted names.
+    n : int
+        Largest number of names in the hint.
+
+    Examples
+    --------
+    >>> from agglo_core.suggestions import did_you_mean
+    >>> did_you_mean("n_part", ["h_star", "n_parts"])
+    " (did you mean 'n_parts'?)"
+    >>> did_you_mean(".vtx", [".npz", ".vtk", ".vtu"], 2)
+    " (did you mean '.vtu' or '.vtk'?)"
+    """
+    close = difflib.get_close_matches(name, list(names), n)
+    return f" (did you mean {' or '.join(map(repr, close))}?)" if close else ""
+
+
+def suggest_keywords(
+    keyword_for: Callable[[Any], str] | None = None,
+) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Make the TypeErrors of wrong calls name the closest keyword or the correct call (decorator).
+
+    Parameters
+    ----------
+    keyword_for : callable, optional
+        Returns the probable keyword for the value of a superfluous positional argument.
+
+    Examples
+    --------
+    >>> from agglo_core.suggestions import suggest_keywords
+    >>> @suggest_keywords()
+    ... def halve(mesh, *, axis=0):
+    ...     pass
+    >>> halve("mesh", axes=1)
+    Traceback (most recent call last):
+        ...
+    TypeError: halve() got an unexpected keyword argument 'axes' (did you mean 'axis'?)
+    """
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        parameters = signature(function).parameters
+        positional = [name for name, p in parameters.items() if p.kind is p.POSITIONAL_OR_KEYWORD]
+        by_name = [name for name, p in parameters.items() if p.kind is p.KEYWORD_ONLY]
+        any_name = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+        call = function.__qualname__
+
+        @wraps(function)
+        def checked(*arguments: P.args, **keywords: P.kwargs) -> R:
+            unknown = [] if any_name else [name for name in keywords if name not in parameters]
+            if unknown:
+                hint = did_you_mean(unknown[0], parameters) or f"; accepted: {', '.join(parameters)}"
+                raise TypeError(f"{call}() got an unexpected keyword argument {unknown[0]!r}{hint}")
+            surplus = arguments[len(positional) :]
+            if surplus and by_name:
+                remedy = f"give the others by name ({', '.join(by_name)})"
+                if keyword_for is not None:
+                    named = {keyword_for(value): value for value in surplus} | keywords
+                    written = [f"{name}={_brief(value)}" for name, value in named.items()]
+                    remedy = f"write {call}({', '.join([*positional, *written])})"
+                count = f"{len(positional)} positional argument{'s' if len(positional) > 1 else ''}"
+                raise TypeError(
+                    f"{call}() takes {count} ({', '.join(positional)}), given {len(arguments)}: {remedy}"
+                )
+            return function(*arguments, **keywords)
+
+        return checked
+
+    return decorate
+
+
+def _brief(value: object) -> str:
+    """Return the representation of a value, shortened, on one line."""
+    return " ".join(reprlib.repr(value).split())
