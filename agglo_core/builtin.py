@@ -44,9 +44,13 @@ _FORMATS = {
     "fvca": (
         "text.fvca:Fvca",
         ".typ2 .typ1",
-        "FVCA's .typ1 and .typ2, as HArDCore2D and DISK++ read them.",
+        "FVCA's .typ2 and .typ1 (only read): polygons, as HArDCore2D and DISK++ read them.",
     ),
-    "matlab": ("matlab.format:Matlab", ".mat", "MATLAB's .mat: the variables of lymph, mVEM and PolyMesher."),
+    "matlab": (
+        "matlab.format:Matlab",
+        ".mat",
+        "MATLAB's .mat: polygons and polyhedra in the variables of lymph, mVEM, PolyMesher and MRST.",
+    ),
     "rf": (
         "text.regn_face:RegnFace",
         ".ele .node",
@@ -60,17 +64,17 @@ _FORMATS = {
     "meshlane": (
         "foreign.meshlane:Meshlane",
         _MESHLANE_SUFFIXES,
-        "Gmsh, legacy VTK and more, where no other format reads them.",
+        "Gmsh, legacy VTK and more: triangles, quadrilaterals and 3-D elements, written only without loss.",
     ),
     "openfoam": (
         "openfoam.format:OpenFoam",
         ".foam .openfoam",
-        "OpenFOAM cases, by way of the .foam file that marks them.",
+        "OpenFOAM cases, by way of the .foam file that marks them: polyhedra.",
     ),
     "vtkhdf": (
         "vtk.vtkhdf:VtkHdf",
         ".vtkhdf",
-        "VTKHDF, ParaView's grids in HDF5; needs h5py (agglo[hdf]).",
+        "VTKHDF, ParaView's grids in HDF5: any mesh; needs h5py (agglo[hdf]).",
     ),
     "pvtu": ("vtk.pvtu:Pvtu", ".pvtu", "Parallel .pvtu: the .vtu files that it names as one mesh."),
     "vtp": ("vtk.vtu:Vtp", ".vtp", "ParaView's .vtp: plane polygons of PolyData."),

@@ -13,7 +13,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def did_you_mean(name: str, names: Iterable[str], n: int = 1) -> str:
+def did_you_mean(name: str, names: Iterable[str], n: int = 1, cutoff: float = 0.6) -> str:
     """Return a hint to the closest names for an error message, empty if none is close.
 
     Parameters
@@ -23,6 +23,8 @@ def did_you_mean(name: str, names: Iterable[str], n: int = 1) -> str:
         The accepted names.
     n : int
         Largest number of names in the hint.
+    cutoff : float
+        Lowest similarity of a name, from 0 to 1, as in :func:`difflib.get_close_matches`.
 
     Examples
     --------
@@ -32,7 +34,7 @@ def did_you_mean(name: str, names: Iterable[str], n: int = 1) -> str:
     >>> did_you_mean(".vtx", [".npz", ".vtk", ".vtu"], 2)
     " (did you mean '.vtu' or '.vtk'?)"
     """
-    close = difflib.get_close_matches(name, list(names), n)
+    close = difflib.get_close_matches(name, list(names), n, cutoff)
     return f" (did you mean {' or '.join(map(repr, close))}?)" if close else ""
 
 

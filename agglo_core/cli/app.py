@@ -17,6 +17,7 @@ import agglo_core
 from agglo_core.cli.commands.check import check
 from agglo_core.cli.commands.compare import compare
 from agglo_core.cli.commands.demo import demo
+from agglo_core.cli.commands.formats import formats
 from agglo_core.cli.commands.mesh import mesh
 from agglo_core.cli.commands.plugins import plugins
 from agglo_core.cli.commands.quality import quality
@@ -117,7 +118,7 @@ def app(context: click.Context) -> None:
         refuse_on_ranks(f"agglo {context.invoked_subcommand}", f"agglo {_ON_RANKS[0]} works on several")
 
 
-for _command in (demo, run, compare, quality, mesh, solve, plugins, check, completion):
+for _command in (demo, run, compare, quality, mesh, solve, formats, plugins, check, completion):
     app.add_command(_command)
 
 

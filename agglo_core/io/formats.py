@@ -18,10 +18,12 @@ from agglo_core.registry.attribution import attributed
 from agglo_core.registry.containment import shown
 from agglo_core.registry.declarations import is_suffix
 from agglo_core.registry.records import unusable
+from agglo_core.suggestions import did_you_mean
 
 T = TypeVar("T")
 _log = logging.getLogger("agglo")
 _HEAD = 512  # bytes for recognition by content
+_SIMILAR = 0.7  # similarity of suggested suffixes: one letter of three may differ
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ class Formats:
         Raises
         ------
         FileError
-            If there is none, with a list of the known suffixes.
+            If there is none, with the nearest suffixes that can be written.
         """
         readers = []
         for file_format in self._claiming(path):
@@ -110,9 +112,8 @@ class Formats:
                 return self._with_options(file_format)
             readers.append(file_format.title)
         if readers:
-            raise FileError(
-                f"{' and '.join(readers)} can read such files, but not write them; {self._expected('write')}"
-            )
+            advice = self._advice(path, "write")
+            raise FileError(f"{' and '.join(readers)} can read such files, but not write them{advice}")
         raise self._unknown(path, writing=True)
 
     def _with_options(self, file_format: KnownFormat) -> KnownFormat:
@@ -123,12 +124,12 @@ class Formats:
     def _claiming(self, path: Path) -> Iterator[KnownFormat]:
         """Yield the formats that have the suffix of a file, formats of last resort at the end."""
         late = []
-        for record in self._records():
-            declared = _declared_suffixes(record)
+        for record in self.records():
+            declared = declared_suffixes(record)
             if declared and not _claims(declared, path):
                 continue
-            file_format = self._usable(record)
-            if file_format is None or not _claims(file_format.suffixes, path):
+            file_format = self.usable(record)
+            if not isinstance(file_format, KnownFormat) or not _claims(file_format.suffixes, path):
                 continue
             if file_format.has("last_resort"):
                 late.append(file_format)
@@ -140,12 +141,12 @@ class Formats:
         """Yield the formats that recognise the content of a file although its suffix is not theirs."""
         with open(path, "rb") as stream:
             head = strip_mark(stream.read(_HEAD))
-        for record in self._records() if head else ():
-            declared = bool(_declared_suffixes(record))
+        for record in self.records() if head else ():
+            declared = bool(declared_suffixes(record))
             if declared and not _has_magic(record, head):
                 continue
-            file_format = self._usable(record)
-            if file_format is None or _claims(file_format.suffixes, path):
+            file_format = self.usable(record)
+            if not isinstance(file_format, KnownFormat) or _claims(file_format.suffixes, path):
                 continue
             if declared or _recognises(file_format, head):
                 _log.info("%s: recognised by its content as a file of %s", path, file_format.title)
@@ -163,17 +164,17 @@ class Formats:
 
     def _all(self) -> Iterator[KnownFormat]:
         """Yield all usable formats, each constructed only when it is needed."""
-        built = (self._usable(record) for record in self._records())
-        return (known for known in built if known is not None)
+        built = map(self.usable, self.records())
+        return (known for known in built if isinstance(known, KnownFormat))
 
-    def _usable(self, record: Record) -> KnownFormat | None:
-        """Construct a format, or return None if this fails."""
+    def usable(self, record: Record) -> KnownFormat | AggloError:
+        """Construct a format, or return the error with the reason why this fails."""
         try:
             return self._build(record)
-        except AggloError:
-            return None
+        except AggloError as error:
+            return error
 
-    def _records(self) -> list[Record]:
+    def records(self) -> list[Record]:
         """Return the registry records of all formats, built-in formats first."""
         return sorted(self.registry.list("format"), key=lambda record: not record.in_tree)
 
@@ -182,36 +183,29 @@ class Formats:
         if record.state != "ok":
             raise PluginError(f"{describe(record)}: {unusable(record)}")
         tool = self.registry.assemble(record, {})
-        return KnownFormat(record, tool, _declared_suffixes(record) or _suffixes_of(tool, describe(record)))
+        return KnownFormat(record, tool, declared_suffixes(record) or _suffixes_of(tool, describe(record)))
 
     def _unknown(self, path: Path, *, writing: bool) -> FileError:
         """Create the error for a file of unknown format, with a list of unusable formats and plugins."""
         problem = f"unknown suffix {path.suffix!r}" if path.suffix else "no suffix"
         explanation = None if writing else why_unread(path)
-        problem = explanation or problem
-        lines = [f"{problem}; {self._expected('write' if writing else 'read')}"]
-        formats = [reason for record in self._records() if (reason := self._fault(record))]
+        lines = [explanation or problem + self._advice(path, "write" if writing else "read")]
+        built = map(self.usable, self.records())
+        formats = [str(error) for error in built if isinstance(error, AggloError)]
         plugins = [f"{describe(r)}: {r.reason}" for r in self.registry.list() if r.kind == "plugin"]
         for subject, reasons in (("formats", formats), ("plugins", plugins)):
             if reasons:
                 lines.append(f"{subject} that cannot be used: {'; '.join(reasons)}")
         return FileError("; ".join(lines))
 
-    def _fault(self, record: Record) -> str:
-        """Return the reason why a format is unusable, or an empty string for a usable one."""
-        try:
-            self._build(record)
-        except AggloError as error:
-            return str(error)
-        return ""
-
-    def _expected(self, method: str) -> str:
-        """Return an error text with the suffixes of all formats that can ``read`` or ``write``."""
+    def _advice(self, path: Path, method: str) -> str:
+        """Return a hint to the nearest suffixes of formats that can ``read`` or ``write``."""
         formats = [file_format for file_format in self._all() if file_format.has(method)]
-        suffixes = dict.fromkeys(suffix for file_format in formats for suffix in file_format.suffixes)
+        suffixes = {suffix for file_format in formats for suffix in file_format.suffixes}
         if not suffixes:
-            return f"no format can {method} it: agglo's own formats belong to its plugin 'defaults'"
-        return f"expected one of {' '.join(suffixes)}"
+            return f"; no format can {method} it: agglo's own formats belong to its plugin 'defaults'"
+        hint = did_you_mean(path.suffix.lower(), suffixes, 3, _SIMILAR)
+        return f"{hint}; the command 'agglo formats' lists all"
 
 
 def _claims(suffixes: tuple[str, ...], path: Path) -> bool:
@@ -220,7 +214,8 @@ def _claims(suffixes: tuple[str, ...], path: Path) -> bool:
     return any(name.endswith(suffix) and name != suffix for suffix in suffixes)
 
 
-def _declared_suffixes(record: Record) -> tuple[str, ...]:
+def declared_suffixes(record: Record) -> tuple[str, ...]:
+    """Return the suffixes in the declaration of a format, empty if it declares none."""
     return record.component.suffixes if record.component is not None else ()
 
 

@@ -20,6 +20,7 @@ CORE_COMMANDS: Final = (
     "quality",
     "mesh",
     "solve",
+    "formats",
     "plugins",
     "check",
     "completion",

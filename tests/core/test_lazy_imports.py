@@ -22,6 +22,7 @@ HEAVY = (
     "shapely",
     "matplotlib",
     "meshlane",
+    "h5py",
     "pyamg",
 )
 DECLARATIONS = sorted(
@@ -61,6 +62,11 @@ except SystemExit as done:
     assert done.code == 0, done.code
 """
     assert loaded_by(source) == []
+
+
+def test_the_list_of_formats_loads_no_optional_package() -> None:
+    source = 'from agglo_core.cli.app import app; app.main(["formats"], standalone_mode=False)'
+    assert set(loaded_by(source)) <= {"numpy", "scipy"}
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["--version"]])

@@ -70,7 +70,7 @@ def test_values_without_a_name_are_refused_with_the_call(
 
 def test_other_functions_list_the_names() -> None:
     with pytest.raises(TypeError) as caught:
-        agglo.build_levels(None, None, [0, 2])  # type: ignore[misc]
+        agglo.build_levels(None, None, [0, 2])  # type: ignore[call-arg]
     assert str(caught.value) == (
         "build_levels() takes 2 positional arguments (A, hierarchy), given 3: "
         "give the others by name (block_offsets, near_null)"
@@ -84,8 +84,9 @@ def test_other_functions_list_the_names() -> None:
     [("degre", "degree"), ("toleranc", "tolerance"), ("verbos", "verbose"), ("problm", "problem")],
 )
 def test_options_of_a_solve_are_those_of_the_solver_and_of_the_function(option: str, hint: str) -> None:
+    options: dict[str, Any] = {option: 1}
     with pytest.raises(OptionError, match=rf"no option '{option}' \(did you mean '{hint}'\?\)"):
-        agglo.solve(MESH, **{option: 1})
+        agglo.solve(MESH, **options)
 
 
 def test_keywords_of_solve_beside_a_solver_object() -> None:

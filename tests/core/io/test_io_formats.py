@@ -187,7 +187,7 @@ def test_suffixes_may_have_several_dots(tmp_path: Path) -> None:
         (tmp_path / name).write_text("1")
     assert read(tmp_path / "a.toy.gz", registry=registry).n_cells == 4
     for name in ("a.gz", ".toy.gz"):
-        with pytest.raises(FileError, match=r"unknown suffix '.gz'; expected one of .*\.toy\.gz"):
+        with pytest.raises(FileError, match=r"unknown suffix '.gz'; the command 'agglo formats' lists"):
             read(tmp_path / name, registry=registry)
 
 
@@ -308,10 +308,10 @@ def test_formats_that_cannot_be_built_are_in_nobodys_way(tmp_path: Path) -> None
     with pytest.raises(FileError) as caught:
         read(tmp_path / "a.lymph", registry=registry)
     said = str(caught.value)
-    assert said.count(" .vtp .toy; formats that cannot be used: ") == 1
+    assert said.count("; the command 'agglo formats' lists all; formats that cannot be used: ") == 1
     assert said.count("format 'absent' (") == 1
     for reason in (
-        "unknown suffix '.lymph'; expected one of .vtu .npz .typ2",
+        "unknown suffix '.lymph'; the command",
         "'absent' (plugin 'mine', distribution my-dist 2): importing",
         "'nothing' (plugin 'mine', distribution my-dist 2) built",
         "'needy' (plugin 'mine', distribution my-dist 2) needs a value for depth",
@@ -352,10 +352,10 @@ def test_what_is_only_read_is_not_written(tmp_path: Path) -> None:
         with pytest.raises(
             FileError,
             match=r"a.toy: format 'toy' \(plugin 'mine', .*\) can read such files, but not write them; "
-            r"expected one of \.vtu \.npz \.typ2",
+            r"the command 'agglo formats' lists all$",
         ):
             use(tmp_path / "a.toy")
-    with pytest.raises(FileError, match=r"unknown suffix '.svg'; expected one of"):
+    with pytest.raises(FileError, match=r"unknown suffix '.svg'; the command 'agglo formats' lists all$"):
         check_writable(tmp_path / "a.svg")
 
 
@@ -432,11 +432,33 @@ def test_a_registry_without_formats_says_so(toy: Path) -> None:
             use(toy, registry=Registry())
 
 
+@pytest.mark.parametrize(
+    ("suffix", "nearest"),
+    [
+        ("vtx", "'.vtu' or '.vtp' or '.vtk'"),
+        ("VTX", "'.vtu' or '.vtp' or '.vtk'"),
+        ("mhs", "'.msh'?)"),
+    ],
+)
+def test_an_unknown_suffix_names_the_nearest(tmp_path: Path, suffix: str, nearest: str) -> None:
+    file = tmp_path / f"a.{suffix}"
+    file.write_text("1")
+    with pytest.raises(FileError) as caught:
+        read(file)
+    assert str(caught.value).startswith(f"{file}: unknown suffix '.{suffix}' (did you mean {nearest}")
+    assert str(caught.value).endswith("; the command 'agglo formats' lists all")
+
+
+def test_only_suffixes_that_can_be_written_are_suggested_for_writing(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"unknown suffix '.vtx' \(did you mean '.vtu' or '.vtk'\?\)"):
+        check_writable(tmp_path / "a.vtx")
+
+
 def test_blocked_formats_are_named(toy: Path) -> None:
     registry = having(toy=Toy)
     registry.block("mine", "not today")
     with pytest.raises(
-        FileError, match=r"expected one of \.vtu .*cannot be used: .*format 'toy' \(.*\): blocked: not today$"
+        FileError, match=r"unknown suffix '.toy'.*cannot be used: .*format 'toy' \(.*\): blocked: not today$"
     ):
         read(toy, registry=registry)
 

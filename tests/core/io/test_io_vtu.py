@@ -508,7 +508,7 @@ def test_not_a_file(tmp_path: Path) -> None:
     refused(tmp_path, "is a folder")
     refused(tmp_path / "absent.vtu", "no such file")
     (tmp_path / "mesh.typ3").write_text("1")
-    refused(tmp_path / "mesh.typ3", r"unknown suffix '.typ3'; expected one of .vtu .npz .*\.msh")
+    refused(tmp_path / "mesh.typ3", r"unknown suffix '.typ3' \(did you mean '.typ2' or '.typ1'\?\)")
     (tmp_path / "none").write_text("1")
     refused(tmp_path / "none", "no suffix")
     (tmp_path / "empty.vtu").write_bytes(b"")
