@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from agglo_core.arrays import FieldState, Float, Int, frozen, owned, trusted, trusted_copy
 from agglo_core.errors import OptionError
+from agglo_core.mesh.cell_lists import CellList, PolygonList, PolyhedronList
 from agglo_core.mesh.checks import check_faces, check_points, check_tags, note_repairs, whole_numbers
 from agglo_core.mesh.coarsening import coarse_faces, surviving_tags
 from agglo_core.mesh.construction.closed_cells import check_cells, check_volumes
@@ -200,6 +202,66 @@ class Mesh(FieldState, Derived, Tagged):
         from agglo_core.graph import dual_graph
 
         return dual_graph(self)
+
+    @cached_property
+    def cells(self) -> CellList:
+        """Sequence of the vertex numbers of each cell, as read-only arrays.
+
+        In 2-D a cell is its vertex loop ``(k,)``, counter-clockwise. Further loops, such as holes, are joined
+        to the first by an edge that is traversed in both directions. In 3-D a cell is a list of faces, each a
+        vertex loop, counter-clockwise from outside. :meth:`from_polygons` (with ``weak=True`` for cells of
+        several loops) and :meth:`from_polyhedra` accept the sequence.
+
+        Cells are computed on access, so a large mesh has no list of a million arrays. Computations on all
+        cells are faster with the CSR arrays :attr:`boundary_loops`, :attr:`cell_faces` and
+        :attr:`cell_vertices`.
+
+        Raises
+        ------
+        FileError
+            In 2-D, if no free edge can join the loops of a cell.
+
+        Examples
+        --------
+        >>> from agglo_core import samples
+        >>> mesh = samples.squares(2)
+        >>> len(mesh.cells), mesh.cells[0], mesh.cells[-1]
+        (4, array([0, 1, 4, 3]), array([4, 5, 8, 7]))
+        >>> cube = samples.boxes(1).cells[0]
+        >>> len(cube), cube[0]
+        (6, array([0, 4, 6, 2]))
+        """
+        if self.dim == 3:
+            return PolyhedronList(self)
+        from agglo_core.io.to_mesh.bridges import single_loops
+
+        offsets, vertices, _ = single_loops(self)
+        return PolygonList(offsets, vertices)
+
+    def save(self, path: str | PathLike[str], **options: Any) -> None:
+        """Write the mesh to a file, by :func:`agglo_core.write`.
+
+        Parameters
+        ----------
+        path : path
+            The suffix selects the format.
+        **options : optional
+            Keyword arguments of :func:`agglo_core.write`, such as ``compress``.
+
+        Raises
+        ------
+        FileError, MeshError, OptionError, PluginError
+            As for :func:`agglo_core.write`.
+
+        Examples
+        --------
+        >>> agglo.samples.squares(4).save("squares.vtu")
+        >>> agglo.read("squares.vtu").n_cells
+        16
+        """
+        from agglo_core.io import write
+
+        write(path, self, **options)
 
     def __repr__(self) -> str:
         name = f"{self.name!r}, " if self.name else ""

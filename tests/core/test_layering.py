@@ -78,7 +78,7 @@ MAY_IMPORT = {
 LATER = {
     "agglo_core.graph.dual": {"interchange"},
     "agglo_core.hierarchy.levels": {"io", "measure"},
-    "agglo_core.mesh.polytopal": {"graph", "interchange"},
+    "agglo_core.mesh.polytopal": {"graph", "interchange", "io"},
     "agglo_core.solvers.fine_system": {"agglomeration"},
 }
 """Modules with methods that import from a later folder when they are called, such as ``mesh.graph``."""
