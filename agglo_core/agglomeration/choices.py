@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from agglo_core.agglomeration.keywords import POLISH, Choice, Keywords
+from agglo_core.agglomeration.keywords import POLISH, SIZES, Choice, Keywords
 from agglo_core.agglomeration.run import Run
 from agglo_core.errors import AggloError, OptionError, PluginError
+from agglo_core.graph import Graph
 from agglo_core.mesh.elsewhere import import_function
 from agglo_core.progress import Listener
 from agglo_core.registry import KINDS, Registry, describe
@@ -41,6 +42,23 @@ def new_run(keywords: Keywords, registry: Registry, progress: Listener | None = 
         seed=keywords.seed,
         progress=progress,
     )
+
+
+def require_points(graph: Graph, keywords: Keywords, run: Run) -> None:
+    """Raise OptionError if the run needs points and all points of the graph coincide.
+
+    Sizes need points, and so do bisectors with ``needs_points = True``.
+    """
+    if graph.n < 2 or (graph.centroids != graph.centroids[0]).any():
+        return
+    problem = "all points of the graph coincide, as in Graph.from_scipy(A) without points; give points, or"
+    sizes = [name for name in SIZES if getattr(keywords, name) is not None]
+    if sizes:
+        raise OptionError(f"{sizes[0]} needs points, but {problem} n_parts or cells_per_part")
+    chosen = run.partitioner or run.bisector
+    if getattr(chosen.tool, "needs_points", False):
+        remedy = "choose a bisector that uses edges only, such as 'spectral' or 'metis'"
+        raise OptionError(f"{chosen.title} splits by coordinates, but {problem} {remedy}")
 
 
 def _polishers(choices: Sequence[Choice], registry: Registry) -> list[Member]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.agglomeration.choices import new_run, short_name
+from agglo_core.agglomeration.choices import new_run, require_points, short_name
 from agglo_core.agglomeration.goals import CountGoal, Goal, check_targets, resolve_goals
 from agglo_core.agglomeration.keywords import METHODS, SIZES, TARGETS
 from agglo_core.agglomeration.levels.lines import line_levels
@@ -106,9 +106,11 @@ class Pipeline(Rules):
         members = self.members(mesh, graph, registry)
         metric_graph = graph if self.metric is None else in_metric(mesh, graph, self.metric)
         rule_graph = remove_forbidden_edges(graph, members, metric_graph)
-        # 2. Goals, components and post-passes of the run.
-        goals = raise_counts(graph, rule_graph, members, self._goals(mesh, metric_graph, rule_graph))
+        # 2. Components, goals and post-passes of the run.
         run = new_run(self, registry, listen)
+        if not isinstance(mesh, Mesh):
+            require_points(graph, self, run)
+        goals = raise_counts(graph, rule_graph, members, self._goals(mesh, metric_graph, rule_graph))
         post = PostPass(self.merge, bool(run.post_refiners), part_rules(graph, members))
         counts = isinstance(goals[0], CountGoal)
         # 3. Loads by which counts are distributed, then the levels.

@@ -192,9 +192,9 @@ class Graph(BlockGraph):
         A : (n, n) sparse
             Matrix or array of :mod:`scipy.sparse` in any format, also unsymmetric.
         points : (n, 2 or 3) float, optional
-            Coordinates of the unknowns. By default all are 0. Then diameters are 0, so targets must be counts
-            (``n_parts``, ``cells_per_part``), and good parts need a bisector that uses edges only, such as
-            ``spectral`` or ``metis``.
+            Coordinates of the unknowns. By default all are 0. Then :func:`agglo_core.agglomerate` requires
+            counts (``n_parts``, ``cells_per_part``) and a bisector that uses edges only, such as ``spectral``
+            or ``metis``.
 
         Raises
         ------

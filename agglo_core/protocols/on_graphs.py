@@ -44,6 +44,8 @@ Sides = NDArray[Any]
 class Bisector(Protocol):
     """Simple protocol of a bisector: split one connected graph in two.
 
+    With ``needs_points = True``, a run on a graph whose points all coincide is refused.
+
     Examples
     --------
     >>> import numpy as np

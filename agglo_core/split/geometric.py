@@ -19,6 +19,8 @@ class CoordinateBisection:
     Source: Berger and Bokhari, "A partitioning strategy for nonuniform problems on multiprocessors".
     """
 
+    needs_points = True
+
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Return the side per cell ``(n,)``, independent of ``seeds``."""
         return self.bisect_shares(level, seeds, None)
@@ -54,6 +56,8 @@ class InertialBisection:
     >>> InertialBisection().bisect_level(strip, np.zeros(1, np.uint64))
     array([0, 0, 1, 1])
     """
+
+    needs_points = True
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Return the side per cell ``(n,)``, independent of ``seeds``."""

@@ -37,6 +37,8 @@ class SweepBisection:
     array([0, 0, 0, 1, 1, 1])
     """
 
+    needs_points = True
+
     def __init__(self, axes: int = 8) -> None:
         if isinstance(axes, bool) or not isinstance(axes, int) or axes < 1:
             raise OptionError(f"sweep: axes must be a whole number, 1 or more, given {axes!r}")

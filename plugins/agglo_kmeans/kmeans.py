@@ -61,6 +61,8 @@ class KMeans:
         For any other value.
     """
 
+    needs_points = True
+
     def __init__(
         self,
         iterations: int = 8,

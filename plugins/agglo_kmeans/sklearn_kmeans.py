@@ -29,6 +29,8 @@ class SklearnKMeans:
         If ``n_init`` is not a positive integer.
     """
 
+    needs_points = True
+
     def __init__(self, n_init: int = 10) -> None:
         if isinstance(n_init, bool) or not isinstance(n_init, int) or n_init < 1:
             raise OptionError(f"kmeans_sklearn: n_init must be a positive integer, not {n_init!r}")

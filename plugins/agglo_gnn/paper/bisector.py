@@ -41,6 +41,8 @@ class PaperGNN:
         If the weights cannot be used.
     """
 
+    needs_points = True
+
     def __init__(
         self,
         weights: str | None = None,

@@ -71,6 +71,8 @@ class FastGNN:
         For an invalid option, or weights for the other dimension.
     """
 
+    needs_points = True
+
     def __init__(
         self,
         weights: str | os.PathLike[str] | Mapping[str, Any] | None = None,

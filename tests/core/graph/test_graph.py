@@ -17,7 +17,7 @@ from scipy.spatial.distance import pdist
 
 from agglo_core import AggloError, Graph, Mesh, MeshError, OptionError, agglomerate, samples
 from agglo_core.arrays import index_cast
-from agglo_core.authoring import System
+from agglo_core.authoring import InertialBisection, System
 
 ARRAYS = ("indptr", "indices", "interface", "centroids", "measures", "boundary", "weights", "vertex_offsets")
 
@@ -358,8 +358,39 @@ def test_unknowns_without_points_are_cut_by_their_couplings() -> None:
     graph = Graph.from_scipy(strong.tocsr()[order][:, order])
     labels = agglomerate(graph, bisector="spectral", n_parts=3).levels[0]
     assert len(np.unique(np.column_stack((labels, order // 4)), axis=0)) == 3
-    with pytest.raises(OptionError, match="zero diameter, so h_factor is undefined"):
-        agglomerate(graph)
+    assert agglomerate(graph, bisector="metis").parts == [2]  # by default 8 nodes per part
+
+
+@pytest.mark.parametrize(
+    "bisector",
+    ["kmeans", "kmeans_sklearn", "coordinate", "inertial", "sweep", "gnn", InertialBisection()],
+)
+def test_bisectors_by_coordinates_are_refused_without_points(bisector: Any) -> None:
+    A = sparse.diags_array([1.0, 2.0, 1.0], offsets=[-1, 0, 1], shape=(9, 9))
+    message = r"coordinates, but all points .* give points, or .* such as 'spectral' or 'metis'$"
+    with pytest.raises(OptionError, match=message):
+        agglomerate(Graph.from_scipy(A), bisector=bisector, n_parts=3)
+    some = np.repeat([[0.0, 0.0], [1.0, 0.0]], [4, 5], axis=0)
+    assert agglomerate(Graph.from_scipy(A, some), bisector=bisector, n_parts=2).parts == [2]
+    alone = Graph.from_scipy(sparse.csr_array([[1.0]]))
+    assert agglomerate(alone, bisector=bisector, n_parts=1).parts == [1]
+
+
+def test_a_partition_by_coordinates_is_refused_without_points() -> None:
+    graph = Graph.from_scipy(sparse.csr_array(np.ones((9, 9))))
+    with pytest.raises(OptionError, match=r"'kmeans' .* splits by coordinates"):
+        agglomerate(graph, bisector="kmeans", method="kway", n_parts=3)
+    assert agglomerate(graph, bisector="metis", method="kway", n_parts=3).parts == [3]
+
+
+@pytest.mark.parametrize("name", ["h_star", "h_factor"])
+def test_sizes_are_refused_without_points(name: str) -> None:
+    graph = Graph.from_scipy(sparse.csr_array(np.ones((4, 4))))
+    message = (
+        f"^{name} needs points, but all points of the graph coincide, .* give points, or n_parts or cells"
+    )
+    with pytest.raises(OptionError, match=message):
+        agglomerate(graph, bisector="spectral", **{name: 2.0})
 
 
 @pytest.mark.parametrize(
