@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import random
 from dataclasses import replace
 
@@ -12,6 +13,7 @@ import pytest
 import agglo_core as agglo
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
+from agglo_metis import metis
 from agglo_metis.metis import Metis
 
 UNWEIGHTED = {"vertex_weights": False, "edge_weights": False}
@@ -139,7 +141,8 @@ def test_no_more_parts_than_nodes(parts, expected):
         {"niter": 1.5},
         {"ncuts": True},
         {"ufactor": -3},
-        {"ufactor": 10**6 + 1},
+        {"ufactor": 1001},
+        {"ufactor": 201, "algorithm": "recursive"},
         {"niter": 10**4 + 1},
         {"ncuts": 2**40},
         {"contig": 1},
@@ -166,6 +169,18 @@ def test_through_the_pipeline_counts_are_exact_and_parts_connected(method, sampl
     assert len(np.unique(mesh.graph.components(labels))) == 10
 
 
+def printed(capfd):
+    """Standard output and errors, with those that the C library of METIS still buffers."""
+    ctypes.CDLL(None).fflush(None)
+    return capfd.readouterr()
+
+
+def test_what_metis_prints_is_seen_here(capfd, monkeypatch):
+    monkeypatch.setitem(metis._MAX_UFACTOR, "kway", 10**6)
+    Metis(ufactor=10**6).partition(agglo.samples.squares(10).graph, Target(parts=60), 0)
+    assert "Cannot bisect a graph with 0 vertices" in printed(capfd).out
+
+
 @pytest.mark.parametrize("algorithm", ["kway", "recursive"])
 @pytest.mark.parametrize("parts", [40, 65, 98, 150, 195])
 def test_nothing_is_printed_about_parts_that_a_node_fills_alone(algorithm, parts, capfd):
@@ -176,7 +191,18 @@ def test_nothing_is_printed_about_parts_that_a_node_fills_alone(algorithm, parts
         labels = Metis(algorithm).partition(weighted, Target(parts=parts), 0)
         assert labels.min() >= 0
         assert labels.max() < parts
-    assert capfd.readouterr() == ("", "")
+    assert printed(capfd) == ("", "")
+
+
+@pytest.mark.parametrize("options", [{"ufactor": 1000}, {"algorithm": "recursive", "ufactor": 200}])
+def test_nothing_is_printed_with_the_largest_imbalance(options, capfd):
+    for n in (4, 9, 15):
+        graph = agglo.samples.squares(n).graph
+        for parts in {2, n, n * n // 2, n * n - 4}:
+            for seed in range(3):
+                labels = Metis(**options).partition(graph, Target(parts=parts), seed)
+                assert labels.max() < parts
+    assert printed(capfd) == ("", "")
 
 
 def connected(graph, labels):
