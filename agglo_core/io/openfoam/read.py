@@ -75,7 +75,8 @@ def read_foam(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     for zone, cells in part.zones.items():
         cell_tags[zone] = _indicator(cells, mesh.n_cells)
     cell_tags |= dict(_own_tags(poly.parent / OWN, mesh.n_cells))
-    for entity, tags in (("faces", patches), ("cells", cell_tags)):
+    zones = {zone: cell_tags[zone] for zone in part.zones}
+    for entity, tags in (("faces", patches), ("cells", zones)):
         descriptions = [f"{name} ({int((values == 1).sum()):,})" for name, values in tags.items()]
         if descriptions:
             _log.info("%s by name: %s", entity, ", ".join(descriptions))

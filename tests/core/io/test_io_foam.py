@@ -528,17 +528,58 @@ def test_processors_that_do_not_fit(tmp_path: Path, file: str, old: str, new: st
         read(case)
 
 
-def test_vtk_shows_the_levels(tmp_path: Path) -> None:
-    """VTK passes over fields whose names end in ``_0``: OpenFOAM's values of one time step earlier."""
-    pyvista = pytest.importorskip("pyvista")
+def test_fields_are_what_readers_of_vtk_and_openfoam_list(tmp_path: Path) -> None:
+    """A folder named by a time; class, object and location in the header; all patches of the mesh.
+
+    VTK omits fields whose names end in ``_0``: OpenFOAM's values of one time step earlier.
+    """
+    mesh = samples.boxes(1).with_face_tags(inlet=lambda x: x[:, 0] == 0)
+    write(tmp_path / "m.foam", mesh, agglomerate(mesh, bisector="coordinate", n_parts=1))
+    (field,) = (tmp_path / "0").iterdir()
+    assert (
+        field.read_bytes().split()
+        == (
+            b"FoamFile { version 2.0; format ascii; class volScalarField; "
+            b'note "labels of a level, written by agglo"; location "0"; object level0; } '
+            b"dimensions [0 0 0 0 0 0 0]; internalField nonuniform List<scalar> 1 ( 0 ) ; "
+            b"boundaryField { inlet { type zeroGradient; } defaultFaces { type zeroGradient; } }"
+        ).split()
+    )
+    boundary = (poly(tmp_path / "m.foam") / "boundary").read_text()
+    patches = [line.strip() for line in boundary.splitlines() if line.strip() in ("inlet", "defaultFaces")]
+    assert patches == ["inlet", "defaultFaces"]
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_vtk_shows_the_levels(tmp_path: Path, compress: bool) -> None:
+    vtk = pytest.importorskip("vtk")
     mesh = samples.boxes(3)
     hierarchy = agglomerate(mesh, bisector="coordinate", n_parts=(8, 4, 2))
-    write(tmp_path / "m.foam", mesh, hierarchy)
-    reader = pyvista.OpenFOAMReader(str(tmp_path / "m.foam"))
-    assert reader.cell_array_names == ["level0", "level1", "level2"]
-    cells = reader.read()["internalMesh"].cell_data
-    for i, labels in enumerate(hierarchy.levels):
-        assert cells[f"level{i}"].astype(int).tolist() == labels.tolist()
+    write(tmp_path / "m.foam", mesh, hierarchy, compress=compress)
+    reader = vtk.vtkOpenFOAMReader()
+    reader.SetFileName(str(tmp_path / "m.foam"))
+    reader.UpdateInformation()
+    names = [reader.GetCellArrayName(i) for i in range(reader.GetNumberOfCellArrays())]
+    assert names == ["level0", "level1", "level2"]
+    reader.EnableAllCellArrays()
+    reader.Update()
+    cells = reader.GetOutput().GetBlock(0).GetCellData()
+    for name, labels in zip(names, hierarchy.levels, strict=True):
+        array = cells.GetArray(name)
+        assert [array.GetValue(i) for i in range(array.GetNumberOfValues())] == labels.tolist()
+
+
+def test_fields_of_the_user_remain(tmp_path: Path) -> None:
+    mesh = samples.boxes(3)
+    write(tmp_path / "m.foam", mesh, agglomerate(mesh, bisector="coordinate", n_parts=(8, 4)))
     (tmp_path / "0" / "levelSet").write_text("of the user")
     write(tmp_path / "m.foam", mesh, agglomerate(mesh, bisector="coordinate", n_parts=2))
     assert sorted(each.name for each in (tmp_path / "0").iterdir()) == ["level0", "levelSet"]
+
+
+def test_levels_and_tags_are_not_reported_as_zones(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    mesh = samples.boxes(2).with_tags(rock=np.arange(8), low=lambda x: x[:, 2] < 0.5)
+    write(tmp_path / "m.foam", mesh, agglomerate(mesh, bisector="coordinate", n_parts=2))
+    with caplog.at_level("INFO", "agglo"):
+        assert read(tmp_path / "m.foam").cell_tags.keys() == {"rock", "low", "level_0"}
+    assert [line for line in caplog.messages if line.startswith("cells")] == ["cells by name: low (4)"]
