@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 class Hierarchy(FieldState):
     """Hierarchy of coarse levels of a mesh or graph, with a labelling of the cells for each level.
 
-    ``h[i]`` are the labels of level i, ``h[-1]`` those of the coarsest; ``len(h)`` is the number of levels.
+    ``h[i]`` are the labels of level i, ``h[-1]`` those of the coarsest; ``len(h)`` is the number of levels. A
+    hierarchy without levels is false, like an empty list: compare with None to detect an absent hierarchy.
 
     Attributes
     ----------

@@ -117,6 +117,7 @@ def test_a_hierarchy_is_a_sequence_of_labels() -> None:
         hierarchy[1:]  # type: ignore[index]
     empty = hierarchy_of(samples.squares(2))
     assert len(empty) == 0
+    assert (bool(hierarchy), bool(empty)) == (True, False)
     with pytest.raises(IndexError, match="level 0 is out of range: the hierarchy has no levels"):
         _ = empty.labels
 
