@@ -2,11 +2,13 @@
 
 The first run then finds them on disk.
 
-python -m agglo_core.compiled.ahead_of_time FOLDER
+python -m agglo_core.compiled.ahead_of_time FOLDER [LEVEL ...]
 """
 
 from __future__ import annotations
 
+import gc
+import multiprocessing
 import os
 import sys
 from collections.abc import Iterable
@@ -15,7 +17,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import llvmlite.binding
 import numba.types
+
+from agglo_core.compiled.cpu_levels import LEVELS, supported_levels
 
 LISTED = Path(__file__).with_name("ahead_of_time.txt")
 # Maximum number of processes: more compile in parallel, but each loads numba, which costs time and memory
@@ -65,16 +70,35 @@ def read_signatures() -> list[Signature]:
     return [Signature(*line.split(" ", 2)) for line in lines if not line.startswith("#")]
 
 
-def compile_listed(folder: Path, signatures: Iterable[Signature]) -> list[str]:
+def default_level() -> str:
+    """Return the level for which kernels are compiled unless others are named: at most x86-64-v3.
+
+    Many current processors lack the features of x86-64-v4.
+    """
+    features = llvmlite.binding.get_host_cpu_features().flatten()
+    return next(level for level in supported_levels(features) if level != "x86-64-v4")
+
+
+def compile_listed(folder: Path, signatures: Iterable[Signature], level: str) -> list[str]:
     """Compile the given kernels in one process per processor, and return a line for each failure.
 
-    Set NUMBA_CACHE_DIR to an empty folder, because kernels called by other kernels are stored there.
+    The machine code is for processors of a ``level`` (``cpu_levels.py``). Set NUMBA_CACHE_DIR to an empty
+    folder, because kernels called by other kernels are stored there.
     """
+    if level not in LEVELS:
+        return [f"unknown processor level {level!r}: expected one of {', '.join(LEVELS)}"]
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    with ProcessPoolExecutor(min(processors, _MOST_WORKERS)) as pool:
+    # New processes: in a forked one numba may have chosen this processor already.
+    new = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(processors, _MOST_WORKERS), new, _prepare, (level,)) as pool:
         waiting = {pool.submit(_compile, each, folder): each for each in signatures}
         ended = [(waiting[each], each.exception()) for each in as_completed(waiting)]
     return [f"{one.module}.{one.name}: {error}" for one, error in ended if error is not None]
+
+
+def _prepare(level: str) -> None:
+    gc.set_threshold(100_000)  # the default takes a tenth of the time of compiling
+    numba.config.CPU_NAME, numba.config.CPU_FEATURES = level, ""
 
 
 def _compile(signature: Signature, folder: Path) -> None:
@@ -83,5 +107,11 @@ def _compile(signature: Signature, folder: Path) -> None:
     kernel.compile(signature.types())
 
 
+def main(folder: Path, levels: list[str]) -> list[str]:
+    """Compile all listed kernels for the given levels, by default one, and return a line for each failure."""
+    signatures = read_signatures()
+    return [line for each in levels or [default_level()] for line in compile_listed(folder, signatures, each)]
+
+
 if __name__ == "__main__":
-    sys.exit("\n".join(compile_listed(Path(sys.argv[1]), read_signatures())) or None)
+    sys.exit("\n".join(main(Path(sys.argv[1]), sys.argv[2:])) or None)

@@ -22,6 +22,7 @@ import numpy as np
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
 from agglo_core.compiled import compile_lock
+from agglo_core.compiled.cpu_levels import supported_levels
 from agglo_core.lazy_names import names_in_stub
 
 INSTALLED = Path(__file__).with_name("machine_code")
@@ -120,9 +121,10 @@ class _CacheFiles(IndexDataCacheFile):
 class KernelCache(FunctionCache):
     """Numba cache of one kernel, valid for unchanged source files, with installed machine code first.
 
-    An entry is only used for equal sources, versions of numba, numpy and Python, and processor. Numba's own
-    cache considers only the kernel's file, and keeps machine code even if an inlined function in another file
-    has changed.
+    An entry is only used for equal sources, versions of numba, numpy and Python, and processor. Installed
+    entries may instead be for a level whose features the processor has (``cpu_levels.py``). Numba's own cache
+    considers only the kernel's file, and keeps machine code even if an inlined function in another file has
+    changed.
     """
 
     _impl_class = _Files
@@ -147,9 +149,10 @@ class KernelCache(FunctionCache):
         """
         target_context.refresh()
         key = self._index_key(sig, target_context.codegen())  # type: ignore[no-untyped-call]
-        data = self._installed.load(key)
-        if data is not None:
-            return self._impl.rebuild(target_context, data)
+        for each in (key, *_keys_of_levels(key)):
+            data = self._installed.load(each)
+            if data is not None:
+                return self._impl.rebuild(target_context, data)
         found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         # Numba does not compile again what failed once, so that a second lock would never be released.
         if found is None and self.cache_path is not None and key not in self._attempted:
@@ -184,6 +187,12 @@ class KernelCache(FunctionCache):
         package = self._py_func.__module__.rpartition(".")[0]
         name = f"{package}.{self._impl.filename_base}"
         return _CacheFiles(str(folder), name, self._stamp)  # type: ignore[no-untyped-call]
+
+
+def _keys_of_levels(key: Any) -> list[Any]:
+    """Return the keys that a kernel has if it was compiled for a level of this processor, highest first."""
+    signature, (triple, _, features), hashes = key  # numba's key, with its description of the processor
+    return [(signature, (triple, level, ""), hashes) for level in supported_levels(features)]
 
 
 _warned: set[str] = set()

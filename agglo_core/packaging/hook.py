@@ -19,26 +19,30 @@ _COMPILE = "agglo_core.compiled.ahead_of_time"
 class CompiledKernels(BuildHookInterface[Any]):
     """Build step that compiles the kernels into ``agglo_core/compiled/machine_code``.
 
-    If this fails, the wheel contains none.
+    A wheel with kernels has the tag of this Python and platform. If nothing compiles, the wheel contains no
+    kernels and is for all platforms.
     """
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile the kernels (called by hatchling before it collects files)."""
-        if version == "editable" or os.environ.get("AGGLO_PREBUILD") == "0":
+        levels = os.environ.get("AGGLO_PREBUILD", "").split()
+        if version == "editable" or levels == ["0"]:
             return
         self._room = TemporaryDirectory()
         kernels, kept = Path(self._room.name, "compiled"), Path(self._room.name, "kept")
         kernels.mkdir()
+        self.app.display_info("compiling numerical kernels, which takes about a minute")
         run = subprocess.run(
-            [sys.executable, "-m", _COMPILE, str(kernels)],
+            [sys.executable, "-m", _COMPILE, str(kernels), *levels],
             env=os.environ | {"NUMBA_CACHE_DIR": str(kept), "PYTHONPATH": self._import_path()},
             cwd=self.root, capture_output=True, text=True,
         )  # fmt: skip
         if run.returncode:
             self.app.display_warning(f"these kernels are compiled on first use instead: {run.stderr.strip()}")
         found = len(list(kernels.glob("*.nbc")))
-        self.app.display_info(f"{found} signatures of kernels compiled for this processor")
+        self.app.display_info(f"{found} signatures of kernels compiled")
         if found:
+            build_data.update(pure_python=False, infer_tag=True)
             build_data["force_include"][str(kernels)] = "agglo_core/compiled/machine_code"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:

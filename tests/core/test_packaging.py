@@ -62,14 +62,14 @@ def test_pyproject_names_the_backend_and_the_hook() -> None:
 
 def hooked(
     version: str, monkeypatch: pytest.MonkeyPatch, returncode: int, kernels: int
-) -> tuple[Any, list[str]]:
-    """What the hook asks hatchling to include, and what it says, where compiling ends so."""
+) -> tuple[dict[str, Any], list[str]]:
+    """Run the hook with a compiler that ends so, and return its build data and messages."""
     said: list[str] = []
     app = SimpleNamespace(display_info=said.append, display_warning=lambda text: said.append(f"! {text}"))
 
     def compile_some(command: list[str], **_: Any) -> Any:
         for number in range(kernels):
-            Path(command[-1], f"{number}.nbc").touch()
+            Path(command[3], f"{number}.nbc").touch()
         return SimpleNamespace(returncode=returncode, stderr="graphs.components: no numba\n")
 
     monkeypatch.setattr(subprocess, "run", compile_some)
@@ -77,29 +77,47 @@ def hooked(
     data: dict[str, Any] = {"force_include": {}}
     hook.initialize(version, data)
     hook.finalize(version, data, "")
-    return data["force_include"], said
+    return data, said
 
 
 def test_kernels_go_into_the_wheel(monkeypatch: pytest.MonkeyPatch) -> None:
-    included, said = hooked("standard", monkeypatch, 0, 3)
+    data, said = hooked("standard", monkeypatch, 0, 3)
+    included = data["force_include"]
     assert list(included.values()) == ["agglo_core/compiled/machine_code"]
-    assert said == ["3 signatures of kernels compiled for this processor"]
+    assert (data["pure_python"], data["infer_tag"]) == (False, True)
+    assert said[0] == "compiling numerical kernels, which takes about a minute"
+    assert said[1:] == ["3 signatures of kernels compiled"]
     assert not any(map(Path.exists, map(Path, included))), "the folder goes when the wheel is written"
 
 
 def test_a_wheel_without_kernels_is_built_where_none_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
-    included, said = hooked("standard", monkeypatch, 1, 0)
-    assert included == {}
-    assert said[0] == "! these kernels are compiled on first use instead: graphs.components: no numba"
+    data, said = hooked("standard", monkeypatch, 1, 0)
+    assert data == {"force_include": {}}
+    assert said[1] == "! these kernels are compiled on first use instead: graphs.components: no numba"
 
 
 def test_a_wheel_has_those_that_compile(monkeypatch: pytest.MonkeyPatch) -> None:
-    included, said = hooked("standard", monkeypatch, 1, 2)
-    assert len(included) == 1
-    assert said[0].startswith("! these kernels")
+    data, said = hooked("standard", monkeypatch, 1, 2)
+    assert len(data["force_include"]) == 1
+    assert said[1].startswith("! these kernels")
 
 
 def test_nothing_is_compiled_for_an_editable_install_or_if_unwanted(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert hooked("editable", monkeypatch, 0, 3) == ({}, [])
+    assert hooked("editable", monkeypatch, 0, 3) == ({"force_include": {}}, [])
     monkeypatch.setenv("AGGLO_PREBUILD", "0")
-    assert hooked("standard", monkeypatch, 0, 3) == ({}, [])
+    assert hooked("standard", monkeypatch, 0, 3) == ({"force_include": {}}, [])
+
+
+def test_the_levels_of_the_environment_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AGGLO_PREBUILD", "x86-64-v2 x86-64-v4")
+    commands: list[list[str]] = []
+
+    def ended(command: list[str], **_: Any) -> Any:
+        commands.append(command)
+        return SimpleNamespace(returncode=0)
+
+    monkeypatch.setattr(subprocess, "run", ended)
+    app = SimpleNamespace(display_info=str)
+    hook: Any = CompiledKernels(str(ROOT), {}, None, None, str(ROOT), "wheel", app)  # type: ignore[arg-type]
+    hook.initialize("standard", {"force_include": {}})
+    assert [command[4:] for command in commands] == [["x86-64-v2", "x86-64-v4"]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import os
+import pickle
 import re
 import shutil
 import subprocess
@@ -19,7 +20,8 @@ from numba import int64
 from numba.core.errors import TypingError
 
 from agglo_core.compiled import compile_lock, kernel, kernel_cache
-from agglo_core.compiled.ahead_of_time import compile_listed, read_signatures
+from agglo_core.compiled.ahead_of_time import compile_listed, default_level, read_signatures
+from agglo_core.compiled.cpu_levels import LEVELS, supported_levels
 from agglo_core.compiled.kernel_cache import KernelCache, source_stamp, sources
 from agglo_core.lazy_names import names_in_stub
 
@@ -152,6 +154,51 @@ def test_another_processor_gets_none(kept: tuple[Path, Any]) -> None:
         codegen = SimpleNamespace(magic_tuple=lambda machine=machine: machine)
         other = SimpleNamespace(refresh=lambda: None, codegen=lambda codegen=codegen: codegen)
         assert loaded(folder, other) is None
+
+
+def features_of(*levels: str) -> str:
+    return ",".join(f"+{name}" for level in levels for name in LEVELS[level].split())
+
+
+def test_a_kernel_for_a_level_runs_on_all_processors_of_that_level(tmp_path: Path) -> None:
+    (listed,) = [each for each in read_signatures() if each.name == "half_edges"]
+    assert compile_listed(tmp_path, [listed], "x86-64-v2") == []
+    cache = listed.kernel()._cache
+    (_, (triple, level, features), _) = file_key(next(tmp_path.glob("*.nbc")))
+    assert (level, features) == ("x86-64-v2", "")
+
+    def found(cpu: str, features: str) -> bool:
+        codegen = SimpleNamespace(magic_tuple=lambda: (triple, cpu, features))
+        key = cache._index_key(listed.types(), codegen)
+        files = cache._files_in(tmp_path)
+        return any(files.load(each) is not None for each in kernel_cache._keys_of_levels(key))
+
+    assert found("nehalem", features_of("x86-64-v2"))
+    assert found("haswell", features_of("x86-64-v2", "x86-64-v3") + ",-avx512f,+newer")
+    assert not found("core2", features_of("x86-64-v2").replace("+popcnt", "-popcnt"))
+    assert not found("x86-64-v3", "")  # numba was told to compile for another processor
+
+
+def file_key(file: Path) -> Any:
+    """Key of numba under which a file holds machine code."""
+    return pickle.loads(file.read_bytes()[kernel_cache._HASH :])[0]
+
+
+def test_levels_end_at_the_first_feature_that_is_absent() -> None:
+    with_v4_only = features_of("x86-64-v2", "x86-64-v4")
+    assert supported_levels(with_v4_only) == ("x86-64-v2", "generic")
+    assert supported_levels(features_of(*LEVELS)) == tuple(reversed(LEVELS))
+    assert supported_levels("") == ("generic",)
+
+
+def test_wheels_are_for_many_processors() -> None:
+    assert default_level() in LEVELS
+    assert default_level() != "x86-64-v4"
+
+
+def test_an_unknown_level_is_refused(tmp_path: Path) -> None:
+    (line,) = compile_listed(tmp_path, read_signatures(), "v3")
+    assert line == "unknown processor level 'v3': expected one of generic, x86-64-v2, x86-64-v3, x86-64-v4"
 
 
 def test_other_sources_get_none(kept: tuple[Path, Any], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -475,6 +522,6 @@ def test_listed_kernels_import_with_the_requirements_of_the_build(tmp_path: Path
 
 def test_a_kernel_that_does_not_compile_is_reported(tmp_path: Path) -> None:
     wrong = read_signatures()[-1]._replace(arguments="(int64,)")
-    (line,) = compile_listed(tmp_path, [wrong])
+    (line,) = compile_listed(tmp_path, [wrong], "generic")
     assert line.startswith(f"{wrong.module}.{wrong.name}: ")
     assert not list(tmp_path.iterdir())
