@@ -203,8 +203,8 @@ def _read_ahead(cells, state, work, first, last):
     work.root[0] = read  # a use of the values, otherwise the compiler drops the reads
 
 
-@kernel(allocates=False)
-def sweep_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, reach, corners):
+@helper
+def _visit_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, reach, corners):
     """Visit the cells listed in the slices from ``start`` to ``stop`` once, and return the move count.
 
     Moves lower J · L^α, inertia times interface to the power ``alpha``, linearised about the ``blocks`` at
@@ -262,6 +262,12 @@ def sweep_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, r
 
 
 @kernel(allocates=False)
+def sweep_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, reach, corners):
+    """Run a sweep over the slices from ``start`` to ``stop``, for one of several threads."""
+    return _visit_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, reach, corners)
+
+
+@kernel(allocates=False)
 def sweep_all(cells, state, work, even, odd, sweeps, alpha, limit, reach, corners):
     """Run at most ``sweeps`` sweeps in one thread, alternately over two divisions into slices."""
     by_turns = (even, odd)
@@ -269,4 +275,4 @@ def sweep_all(cells, state, work, even, odd, sweeps, alpha, limit, reach, corner
         slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
         if list_due_cells(state, work, sweep, before, alpha) == 0:
             break
-        sweep_slices(cells, state, work, slices, 0, len(slices.rows), sweep, alpha, limit, reach, corners)
+        _visit_slices(cells, state, work, slices, 0, len(slices.rows), sweep, alpha, limit, reach, corners)
