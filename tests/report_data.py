@@ -34,7 +34,7 @@ def made(mesh: Mesh, name: str, *counts: int) -> RunResult:
     """Return a run whose levels have these numbers of sectors."""
     targets = [{"h_star": 10.0 / k} for k in counts]
     hierarchy = Hierarchy(mesh, mesh.graph, [sectors(mesh, k) for k in counts], targets, nested=True)
-    return RunResult(name, hierarchy, measure_levels(mesh, hierarchy), seconds=1.5)
+    return RunResult(name, hierarchy, measure_levels(mesh, hierarchy), cpu_seconds=1.5)
 
 
 def named_ring() -> Mesh:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 Metrics = list[Any] | None
 
 _RATIO = "mean diam/h*"
+_CLOCK = "CPU s"
 
 
 def show_progress(quiet: bool = False) -> AbstractContextManager[Listener | None]:
@@ -159,16 +160,16 @@ def show(title: str, runs: Sequence[RunResult], only_finest: bool = False) -> No
     every = [level for run in runs for level in run.levels]
     sized = any(level.line["diameter_ratio"] is not None for level in every)
     columns = _columns(every[0], sized)
-    heads = ["target", *columns.values(), "seconds"]
+    heads = ["target", *columns.values(), _CLOCK]
     rows = []
     for run in runs:
         levels = run.levels[:1] if only_finest else run.levels
         for place, level in enumerate(levels):
             row = ["" if place else run.name, *_cells(level, columns)]
-            rows.append([*row, "" if place else f"{run.seconds:.2f}"])
+            rows.append([*row, "" if place else f"{run.cpu_seconds:.2f}"])
         if run.error:
             rows.append([run.name, *["–"] * len(heads)])
-    spare = ["connected", "seconds", "isoperimetric", _RATIO]
+    spare = ["connected", _CLOCK, "isoperimetric", _RATIO]
     print_table(title, ["bisector", *heads], rows, spare=spare, fold={"bisector": 8})
     print_lines("\n".join(f"{run.name}: {run.error}" for run in runs if run.error))
     print_lines(

@@ -150,6 +150,8 @@ def quality_html(values: Mapping[str, Float]) -> str:
 def solution_html(solution: Solution) -> str:
     """Return the outcome, cost and residuals of a solver as HTML."""
     first, last = solution.residuals[[0, -1]] if len(solution.residuals) else (np.nan, np.nan)
+    cpu = solution.cpu_seconds
+    clock, spent_by_phase = ("CPU seconds", cpu) if cpu else ("seconds", solution.seconds)
     entries: Mapping[str, Any] = {
         "unknowns": f"{solution.x.shape[0]:,}",
         "iterations": f"{solution.iterations:,}",
@@ -157,7 +159,7 @@ def solution_html(solution: Solution) -> str:
         "contraction": _number(solution.contraction),
         "energy error, estimated": _number(solution.energy_error),
         "operator complexity": _number(solution.operator_complexity),
-        **{f"seconds: {phase}": f"{spent:.3g}" for phase, spent in _first(solution.seconds)},
+        **{f"{clock}: {phase}": f"{spent:.3g}" for phase, spent in _first(spent_by_phase)},
     }
     table = _table(("", ""), [(name, text) for name, text in entries.items() if text])
 

@@ -106,7 +106,7 @@ def _dots(figure: Any, axis: Any, tradeoffs: TradeOffs) -> None:
         zorder=3,
     )
     bar = figure.colorbar(dots, ax=axis, fraction=0.05, pad=0.02)
-    bar.set_label("seconds", fontsize=9)
+    bar.set_label("CPU seconds", fontsize=9)
     bar.ax.tick_params(labelsize=8)
     ticks = np.geomspace(low, high, 5)
     bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])

@@ -55,7 +55,7 @@ class TradeOffs:
     parts : (n,) int
     roundness, evenness : Axis
     seconds : (n,) float
-        Wall-clock time, at least a tenth of a millisecond.
+        CPU time, at least a tenth of a millisecond.
     missing : sequence of str
         Runs that are not included.
     """
@@ -125,7 +125,7 @@ def trade_offs(runs: Sequence[RunResult]) -> TradeOffs:
         parts=[level.mesh.n_cells for level in levels],
         roundness=_roundness(levels),
         evenness=_evenness(levels),
-        seconds=frozen_float([max(runs[place].seconds, _LEAST_SECONDS) for place in places]),
+        seconds=frozen_float([max(runs[place].cpu_seconds, _LEAST_SECONDS) for place in places]),
         missing=[run.name for run in runs if not run.levels],
     )
 

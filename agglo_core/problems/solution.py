@@ -260,8 +260,9 @@ class Solution:
             parts.append(f"residual {self.residuals[-1] / self.residuals[0]:.1e}")
         if self.energy_error is not None:
             parts.append(f"energy error {self.energy_error:.1e}")
-        if self.seconds:
-            parts.append(f"{sum(self.seconds.values()):.2g} s")
+        if self.cpu_seconds or self.seconds:
+            clock, spent = ("CPU s", self.cpu_seconds) if self.cpu_seconds else ("s", self.seconds)
+            parts.append(f"{sum(spent.values()):.2g} {clock}")
         return f"Solution({', '.join(parts)})"
 
     def _repr_html_(self) -> str:

@@ -75,7 +75,7 @@ def solve_on_ranks(
             if output is not None:
                 posed.refuse_without_meaning("-o is")
         warm_up_in_turn(agglomeration, ranks)
-        hierarchy, seconds = agglomerate_on_ranks(mesh, agglomeration, False, progress)
+        hierarchy, seconds, _ = agglomerate_on_ranks(mesh, agglomeration, False, progress)
         with attributed(title, spare=(AggloError,)):
             solution = tool.solve_across(posed.problem, hierarchy, progress if first else None)
         if output is not None:

@@ -38,8 +38,8 @@ class ParetoSection:
         lines = f"Grey line, the front: {FRONT}. {_upper(BEST)}."
         words = f"The finest levels. Up and to the right is better. {lines}{missing}"
         return (
-            f"<figure>{_picture(tradeoffs)}<figcaption>{_legend(tradeoffs)}<br>{escape(words)}"
-            "</figcaption></figure>"
+            f'<figure><div class="scroll">{_picture(tradeoffs)}</div>'
+            f"<figcaption>{_legend(tradeoffs)}<br>{escape(words)}</figcaption></figure>"
         )
 
 
@@ -51,7 +51,7 @@ def _picture(tradeoffs: TradeOffs) -> str:
     size = f'viewBox="0 0 {_LEFT + _WIDTH + 12:g} {_TOP + _HEIGHT + 50:g}"'
     label = "; ".join(
         f"{name}: {tradeoffs.roundness.label} {round_:.3f}, {tradeoffs.evenness.label} {even:.3f}, "
-        f"{seconds:.2g} s"
+        f"{seconds:.2g} CPU s"
         for name, round_, even, seconds in zip(
             tradeoffs.labels,
             tradeoffs.roundness.values,
@@ -132,7 +132,7 @@ def _legend(tradeoffs: TradeOffs) -> str:
     low, high = float(tradeoffs.seconds.min()), float(tradeoffs.seconds.max())
     times = np.geomspace(low, high, _SWATCHES if high > 1.5 * low else 1)
     pairs = zip(_fills(times), times, strict=True)
-    return "".join(f'<span><i style="color:{fill}">●</i> {time:.2g} s</span>' for fill, time in pairs)
+    return "".join(f'<span><i style="color:{fill}">●</i> {time:.2g} CPU s</span>' for fill, time in pairs)
 
 
 def _text(x: float, y: float, text: str, anchor: str, more: str = "") -> str:

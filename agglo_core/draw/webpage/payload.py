@@ -74,7 +74,7 @@ def _run(run: RunResult, mesh: Mesh, order: Int) -> dict[str, Any]:
     if mesh.dim == 3:
         for made, level in zip(levels, run.levels, strict=True):
             made["apart"] = exploded_still(mesh, level.labels, order)
-    return {"name": run.name, "seconds": run.seconds, "error": run.error, "levels": levels}
+    return {"name": run.name, "cpu_seconds": run.cpu_seconds, "error": run.error, "levels": levels}
 
 
 def _level(level: Level, order: Int) -> dict[str, Any]:

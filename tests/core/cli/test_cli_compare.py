@@ -90,9 +90,9 @@ def test_the_mean_diameter_over_the_size_stands_beside_the_number_of_parts_where
     for command in ("run", "compare"):
         sized = columns_of(agglo(command, "squares:n=8", "--bisector", "inertial", "--h-star", "0.5").out)
         assert sized[:4] == ["bisector", "target", "K", "mean diam/h*"]
-        assert sized[4:] == [*ratios, "seconds"]
+        assert sized[4:] == [*ratios, "CPU s"]
         counted = columns_of(agglo(command, "squares:n=8", "--bisector", "inertial", "--parts", "4").out)
-        assert counted == ["bisector", "target", "K", *ratios, "seconds"]
+        assert counted == ["bisector", "target", "K", *ratios, "CPU s"]
     agglo("run", "squares:n=8", "--bisector", "inertial", "--h-star", "0.5", "-o", "sized.npz")
     agglo("run", "squares:n=8", "--bisector", "inertial", "--parts", "4", "-o", "counted.npz")
     assert columns_of(agglo("quality", "sized.npz").out)[:3] == ["level", "parts", "diameter_ratio"]

@@ -47,7 +47,7 @@ def run_of(
     """A run with one level."""
     target = {"n_parts": int(labels.max()) + 1} if size is None else {"h_star": size}
     made = Hierarchy(mesh, mesh.graph, [labels], [target], nested=True)
-    return RunResult(name, made, measure_levels(mesh, made, metrics=metrics), seconds)
+    return RunResult(name, made, measure_levels(mesh, made, metrics=metrics), cpu_seconds=seconds)
 
 
 def bands(*heights: int) -> np.ndarray:
@@ -192,7 +192,7 @@ def test_the_section_shows_every_run_and_escapes_names() -> None:
     runs = [*three(), run_of("<b>evil</b>", bands(3, 2, 3), 0.1)]
     text = ParetoSection().html(MESH, runs)
     figure = ElementTree.fromstring(text.replace("<br>", "<br/>"))
-    (svg,) = figure.findall("svg")
+    (svg,) = figure.findall("div/svg")
     assert len(svg.findall("circle")) == 4
     shown = {each.text for each in svg.findall("text")}
     assert {"uneven, K = 4", "even, K = 4", "quarters, K = 4"} <= shown

@@ -134,3 +134,28 @@ def test_what_can_be_done_can_be_reached_by_keys(page: Path) -> None:
     assert names[:12] == [*wanted, "map", "pick"]
     assert {outline for _, outline, *_ in named} == {"solid"}
     assert all(text.strip() or labels for _, _, text, labels in named)
+
+
+COVERS = """
+  const scrolled = [...document.querySelectorAll(".scroll")].filter((each) => each.scrollWidth > innerWidth);
+  return scrolled.map((each) => getComputedStyle(each).backgroundAttachment);"""
+NEIGHBOURS = """
+  const texts = [...document.querySelectorAll("#boxes tfoot text")]
+    .map((each) => each.getBoundingClientRect());
+  return texts.slice(1).map((each, place) => each.left - texts[place].right);"""
+
+
+@pytest.mark.parametrize("width", [400, 800])
+def test_tables_that_scroll_have_a_shadow_and_axis_numbers_a_gap(page: Path, width: int) -> None:
+    with visited(page, "run=one&level=0", width=width) as tab:
+        assert set(tab.run(COVERS)) == {"local, local, scroll, scroll"}  # paper over shadows at the ends
+        gaps = tab.run(NEIGHBOURS)
+        assert len(gaps) > 10
+        assert min(gaps) > 12.0
+
+
+def test_wide_windows_show_the_box_plots_whole(page: Path) -> None:
+    widths = "const {scrollWidth, clientWidth} = document.getElementById('boxes').parentElement;"
+    for width, whole in ((800, True), (400, False)):
+        with visited(page, width=width) as tab:
+            assert tab.run(f"{widths} return scrollWidth <= clientWidth;") is whole

@@ -1,4 +1,7 @@
 // Box plots.
+const NAMES = 9.5; // least width of the names, in rem
+const COLUMN = 7; // and of a metric
+const LETTERS = 9; // most letters of three numbers below such a column
 const METRICS = REPORT.metrics; // {name, low, high}: the ends of their axes
 
 // Quartiles by linear interpolation, whiskers to the last value within 1.5 boxes, the rest outliers.
@@ -68,15 +71,11 @@ function boxGlyph(values, { low, high }, colour, part) {
 
 function axisGlyph({ low, high }) {
   const glyph = element("svg", { "aria-hidden": "true" });
-  for (const tick of [0, 0.5, 1]) {
+  const number = (tick) => String(Number((low + tick * (high - low)).toPrecision(3)));
+  const room = [0, 0.5, 1].map(number).join("").length <= LETTERS;
+  for (const tick of room ? [0, 0.5, 1] : [0, 1]) {
     const anchor = tick === 0 ? "start" : tick === 1 ? "end" : "middle";
-    glyph.append(
-      element(
-        "text",
-        { x: percent(tick), y: 12, "text-anchor": anchor },
-        String(Number((low + tick * (high - low)).toPrecision(3))),
-      ),
-    );
+    glyph.append(element("text", { x: percent(tick), y: 12, "text-anchor": anchor }, number(tick)));
   }
   return glyph;
 }
@@ -122,5 +121,6 @@ function boxTable(table, place, chosen) {
     element("th"),
     ...METRICS.map((metric) => element("td", {}, axisGlyph(metric))),
   );
+  table.style.minWidth = `${NAMES + COLUMN * METRICS.length}rem`;
   table.replaceChildren(element("thead", {}, head), body, element("tfoot", {}, foot));
 }

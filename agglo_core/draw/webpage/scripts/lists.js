@@ -112,7 +112,7 @@ function runColumns() {
     })),
     number("connected", "connected", (share) => `${shown(100 * share)} %`),
     number("max diam", "max_diameter", shown),
-    { name: "seconds", value: ({ run }) => (run.levels.length ? run.seconds : null), show: fixed(2) },
+    { name: "CPU s", value: ({ run }) => (run.levels.length ? run.cpu_seconds : null), show: fixed(2) },
   ];
 }
 
