@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agglo_core.draw.colours import INK, PALETTE, colouring
-from agglo_core.draw.plane_panels import PlanePanels
+from agglo_core.draw.plane_panels import PlanePanels, width_in_inches
 from agglo_core.draw.solids.panels import SolidPanels
 from agglo_core.errors import FileError, OptionError
 from agglo_core.measure.agglomerates import Level, measure_levels
@@ -25,6 +26,11 @@ if TYPE_CHECKING:
 __all__ = ["PALETTE", "colouring", "draw", "draw_mesh", "panels_of", "save_figure", "short_name"]
 
 _DPI = 160  # pixels per inch
+_POINTS = 1.15
+"""Font size in points per inch of the picture's width: 11 pixels on a page that shows it 700 pixels wide."""
+_LARGEST = 17.0  # points
+_LINE, _GAP, _LETTER = 1.2, 1.0, 0.56
+"""Height of a line, space below titles, and mean width of a letter, relative to the font size."""
 _IN_TITLES = ("UF", "CR")
 _EXPLODE = 0.35  # default explosion of agglomerates
 
@@ -42,11 +48,11 @@ def draw(
     fine: bool = True,
     levels: Mapping[str, Sequence[Level]] | None = None,
 ) -> None:
-    """Draw the fine mesh and every level, one row per run, and write the picture.
+    """Draw the fine mesh once and every level, one row per run, and write the picture.
 
-    Neighbouring agglomerates differ in colour. Titles give the part count and the metric means,
-    by default UF and CR. Solids are seen from above and a side, with agglomerates moved apart. If the picture
-    cannot be written, no file is left behind.
+    Neighbouring agglomerates differ in colour. Titles give the part count, the target diameter and the
+    metric means, by default UF and CR. Solids are seen from above and a side, with agglomerates moved apart.
+    If the picture cannot be written, no file is left behind.
 
     Parameters
     ----------
@@ -64,7 +70,7 @@ def draw(
         In 3-D, cells beyond the plane with this normal through the mesh centre are left out. The eye is
         at (0.43, −0.75, 0.5), so (0, −1, 0) opens the mesh in front.
     fine : bool
-        Begin each row with the fine mesh. :func:`draw_mesh` draws the mesh alone.
+        Begin the first row with the fine mesh. :func:`draw_mesh` draws the mesh alone.
     levels : mapping of run name to sequence of Level, optional
         Levels already measured by ``measure_levels`` with the given ``metrics``, to avoid measuring again.
 
@@ -89,23 +95,28 @@ def draw(
     # Set up the panels.
     columns = fine + max(len(hierarchy.levels) for hierarchy in hierarchies.values())
     width = float(np.clip(24.0 / columns, 2.4, 3.6))
-    figure, axes = _panels(panels, len(hierarchies), columns, width, title=0.55 if fine else 0.7)
+    figure, axes = _panels(panels, len(hierarchies), columns, width)
+    name_above_mesh = fine and len(hierarchies) == 1
     with phase(progress, "drawing") as tell:
         # Draw the mesh and the levels of each run in a row.
         for place, (row, (name, hierarchy)) in enumerate(zip(axes, hierarchies.items(), strict=True)):
             run_progress = part(tell, place, 1 + len(hierarchies), name)
-            above = "" if fine else f"{short_name(name)}\n"
-            if fine:
+            above = f"{short_name(name)}\n"
+            if fine and place == 0:
                 panels.fine(row[0])
-                _entitle(row[0], f"{short_name(name)}\n{_describe_mesh(mesh)}")
+                _entitle(row[0], (above if name_above_mesh else "") + _describe_mesh(mesh))
+            elif fine:
+                row[0].set_axis_off()
             measured = (levels or {}).get(name) or measure_levels(mesh, hierarchy, registry, title_metrics)
             for number, (axis, level) in enumerate(zip(row[int(fine) :], measured, strict=False)):
                 part(run_progress, fine + number, columns, f"level {number}")
                 panels.level(axis, level.labels)
-                _entitle(axis, ("" if number else above) + _title(level, usual=metrics is None))
+                named = number == 0 and not name_above_mesh
+                _entitle(axis, (above if named else "") + _title(level, usual=metrics is None))
             for axis in row[fine + len(hierarchy.levels) :]:
                 axis.set_axis_off()
         part(tell, len(hierarchies), 1 + len(hierarchies), Path(path).name)
+        _make_room_for_titles(figure)
         save_figure(figure, Path(path), palette=True)
 
 
@@ -137,20 +148,19 @@ def draw_mesh(mesh: Mesh, path: str | os.PathLike[str], section: Sequence[float]
     figure, axes = _panels(panels, 1, 1, 8.0)
     panels.fine(axes[0, 0])
     _entitle(axes[0, 0], _describe_mesh(mesh))
+    _make_room_for_titles(figure)
     save_figure(figure, Path(path), palette=True)
 
 
-def _panels(
-    panels: PlanePanels | SolidPanels, rows: int, columns: int, width: float, title: float = 0.55
-) -> tuple[Any, Any]:
-    """Return a figure with axes ``(rows, columns)`` for pictures of a mesh. Sizes are in inches."""
+def _panels(panels: PlanePanels | SolidPanels, rows: int, columns: int, width: float) -> tuple[Any, Any]:
+    """Return a figure with axes ``(rows, columns)`` of this width in inches, without room for titles."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as error:
         raise OptionError(f'drawing needs matplotlib: pip install "agglo[plot]" ({error})') from error
 
-    height = width * float(np.clip(panels.ratio, 0.15, 2.0)) + title
+    height = width * float(np.clip(panels.ratio, 0.15, 2.0))
     figure = Figure(figsize=(columns * width, rows * height), dpi=_DPI)
     figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.08)
     FigureCanvasAgg(figure)
@@ -183,8 +193,26 @@ def _describe_mesh(mesh: Mesh) -> str:
 
 
 def _entitle(axis: Any, title: str) -> None:
-    axis.set_title(title, fontsize=8, color=INK)
+    size = _font(axis.figure.get_figwidth())
+    letters = max(int(72.0 * width_in_inches(axis) / (_LETTER * size)), 12)
+    lines = [textwrap.fill(line, letters, break_long_words=False) for line in title.split("\n")]
+    axis.set_title("\n".join(lines), fontsize=size, color=INK)
     axis.set_axis_off()
+
+
+def _make_room_for_titles(figure: Any) -> None:
+    """Make a figure higher, so that the longest title fits above each of its rows."""
+    lines = max(axis.get_title().count("\n") + 1 for axis in figure.axes)
+    rows = figure.axes[0].get_gridspec().nrows
+    for axis in figure.axes:
+        axis.set_anchor("S")
+    height = (lines * _LINE + _GAP) * _font(figure.get_figwidth()) / 72.0
+    figure.set_figheight(figure.get_figheight() + rows * height)
+
+
+def _font(width: float) -> float:
+    """Return the font size in points for a picture of this width in inches."""
+    return min(_POINTS * width, _LARGEST)
 
 
 def short_name(text: str, most: int = 34) -> str:
@@ -205,8 +233,9 @@ def _title(level: Level, usual: bool) -> str:
     parts = f"{line['parts']:,} part{'s' if line['parts'] != 1 else ''}"
     target = line["target"]
     if "h_star" in target:
-        factor = f" ({target['h_factor']:.3g} h0)" if target.get("h_factor") else ""
-        parts = f"h* = {target['h_star']:.3g}{factor}: {parts}"
+        # not broken inside: the spaces are those that stay in a line
+        factor = f" =\xa0{target['h_factor']:.3g}\xa0×\xa0largest\xa0cell" if target.get("h_factor") else ""
+        parts += f"\ndiameter ≤ {target['h_star']:.3g}{factor}"
     names = [name for name in level.metrics if name in _IN_TITLES or not usual]
     means = {name: line[name] for name in names} | ({} if usual else dict(level.objectives))
     missing = level.undefined

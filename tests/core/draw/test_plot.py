@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,6 +84,45 @@ def test_a_picture_without_the_mesh_names_the_run_above_its_first_level(
     draw_mesh(mesh, tmp_path / "mesh.png")
     means = "2 parts\nUF 1.00   CR 0.45"
     assert titles == [f"run\n{means}", means, "squares 2x2, 4 cells"]
+
+
+def test_a_picture_of_several_runs_has_the_mesh_once_and_explains_sizes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    titles: list[str] = []
+    monkeypatch.setattr("agglo_core.draw.plot._entitle", lambda axis, title: titles.append(title))
+    mesh = samples.squares(2)
+    target = {"h_star": 1.25, "h_factor": 2.5}
+    sized = Hierarchy(mesh, mesh.graph, [np.array([0, 0, 1, 1])], [target], nested=True)
+    draw(mesh, {"one": _halves(mesh), "two": sized}, tmp_path / "runs.png")
+    size = "diameter ≤ 1.25 =\xa02.5\xa0×\xa0largest\xa0cell"
+    assert titles == [
+        "squares 2x2, 4 cells",
+        "one\n2 parts\nUF 1.00   CR 0.45",
+        f"two\n2 parts\n{size}\nUF 1.00   CR 0.45",
+    ]
+
+
+@pytest.mark.parametrize("levels", [1, 2, 3, 5])
+def test_titles_are_readable_on_a_page_and_keep_to_their_panels(tmp_path: Path, levels: int) -> None:
+    """On a page of 700 pixels letters have 11 pixels, and columns of titles do not overlap."""
+    figures: list[Any] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("agglo_core.draw.plot.save_figure", lambda figure, *_, **__: figures.append(figure))
+        mesh = samples.squares(2)
+        target = {"h_star": 0.0908, "h_factor": 2}
+        many = Hierarchy(mesh, mesh.graph, [np.arange(4)] * levels, [target] * levels, nested=True)
+        draw(mesh, {"one": many, "another": many}, tmp_path / "a.png")
+    (figure,) = figures
+    figure.draw_without_rendering()
+    titles = [axis.title for axis in figure.axes if axis.title.get_text()]
+    assert len(titles) == 1 + 2 * levels
+    pixels = [title.get_fontsize() / 72 * 700 / figure.get_figwidth() for title in titles]
+    assert min(pixels) > (11.0 if levels < 4 else 7.0)
+    assert all(title.get_window_extent().y1 <= figure.bbox.height for title in titles)
+    for row in (titles[1 : 1 + levels], titles[1 + levels :]):
+        boxes = [title.get_window_extent() for title in row]
+        assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
 
 
 def test_few_colours_serve_agglomerates_as_well(tmp_path: Path) -> None:
