@@ -86,10 +86,20 @@ def test_every_block_of_the_guide_runs(guide: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_numbers_under_pictures_of_the_tutorial_are_in_its_blocks() -> None:
-    written = set(re.findall(r"\d+", " ".join(block.text for block in blocks(TUTORIAL))))
-    under = re.findall(r"!\[([^]]*)\]\(", TUTORIAL.read_text(encoding="utf-8"))
-    assert {number for text in under for number in re.findall(r"\d+", text)} <= written
+def test_numbers_under_pictures_are_in_what_the_page_runs_or_prints() -> None:
+    lacking = {}
+    for guide in GUIDES:
+        text = guide.read_text(encoding="utf-8")
+        code = " ".join([*re.findall(r"`([^`\n]+)`", text), *(block.text for block in blocks(guide))])
+        captions = " ".join(re.findall(r"!\[([^]]*)\]\(", text)).replace(",", "")
+        lacking[guide.name] = set(re.findall(r"\d+", captions)) - set(re.findall(r"\d+", code))
+    assert {name for name, numbers in lacking.items() if numbers} == set()
+
+
+@pytest.mark.parametrize("guide", [DOCS.parent / "README.md", TUTORIAL], ids=lambda guide: guide.stem)
+def test_the_first_python_of_a_beginner_imports_agglo_core(guide: Path) -> None:
+    first = next(block for block in blocks(guide) if block.language == "python")
+    assert "import agglo_core as agglo\n" in first.text
 
 
 def test_code_of_the_tutorial_fits_its_column() -> None:
