@@ -135,7 +135,7 @@ def slow_cost(graph, sides):
     return cut * np.cbrt(volume.sum()) * (1 / volume).sum() + max(15, 4 * np.sqrt(graph.n)) * within / total
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("n", [25, 80, 500])
 def test_the_cheapest_threshold_near_the_mean_is_taken(n, seed):
     graph = samples.voronoi3d(n, seed).graph
@@ -152,8 +152,7 @@ def test_the_cheapest_threshold_near_the_mean_is_taken(n, seed):
     assert slow_cost(graph, sides_of(graph)) == pytest.approx(min(costs), rel=1e-9)
 
 
-@pytest.mark.parametrize("n", [12, 60, 700])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("n", "seed"), [(12, 1), (60, 2), (400, 1)])
 def test_turning_scaling_shifting_and_renumbering_change_nothing(n, seed):
     mesh = samples.voronoi3d(n, 5)
     sides = sides_of(mesh.graph)
@@ -163,7 +162,7 @@ def test_turning_scaling_shifting_and_renumbering_change_nothing(n, seed):
     assert same_cut(sides[order], sides_of(mesh.graph.subgraph(order, [0, n])))
 
 
-@pytest.mark.parametrize("mesh", [samples.boxes(8), samples.boxes(12), samples.tetrahedra(6)])
+@pytest.mark.parametrize("mesh", [samples.boxes(8), samples.tetrahedra(6)])
 def test_cubes_become_cubes(mesh):
     labels = agglo.agglomerate(mesh, bisector="gnn", h_star=np.sqrt(3) / 2).levels[0]
     assert labels.max() == 7
@@ -179,6 +178,7 @@ def test_both_sides_are_there_whatever_the_weights_say():
             assert ((ones > 0) & (ones < np.diff(graph.offsets))).all()
 
 
+@pytest.mark.slow
 def test_what_was_learned_cuts_cheaper_than_axes_and_than_seven_directions():
     costs = {"learned": [], "untrained": [], "sweep": []}
     tools = {"learned": FastGNN(), "untrained": FastGNN(initial_spatial(0)), "sweep": SweepBisection()}

@@ -28,6 +28,8 @@ MESHES: dict[str, tuple[Callable[[int], Mesh], tuple[int, int, int]]] = {
     "random_triangles": (lambda n: samples.random_triangles(n // 2, seed=FRESH), (16, 8, 8)),
 }
 """Meshes of about n cells, and the most iterations to 1e-6 at degrees 1, 2, 3."""
+HIGH = [pytest.param(4, marks=pytest.mark.slow), 5, 6]
+"""From degree 5 on kernels take blocks of any width; that of degree 4 is compiled for slow tests alone."""
 
 
 def bare(mesh: Mesh) -> Hierarchy:
@@ -55,8 +57,7 @@ def test_few_iterations(name: str, degree: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cells", [1_000, 4_000, 16_000])
-@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize(("degree", "cells"), [(1, 16_000), (2, 8_000), (3, 4_000)])
 @pytest.mark.parametrize("name", MESHES)
 def test_few_iterations_on_larger_meshes(name: str, degree: int, cells: int) -> None:
     make, most = MESHES[name]
@@ -65,7 +66,7 @@ def test_few_iterations_on_larger_meshes(name: str, degree: int, cells: int) -> 
     assert found.iterations <= most[degree - 1], f"seed {FRESH}"
 
 
-@pytest.mark.parametrize("degree", [4, 5, 6])
+@pytest.mark.parametrize("degree", HIGH)
 @pytest.mark.parametrize("name", ["triangles", "squares", "voronoi"])
 def test_high_degrees_converge(name: str, degree: int) -> None:
     make, _ = MESHES[name]
@@ -74,7 +75,7 @@ def test_high_degrees_converge(name: str, degree: int) -> None:
     assert found.iterations <= 40, f"seed {FRESH}"
 
 
-@pytest.mark.parametrize("degree", [4, 5, 6])
+@pytest.mark.parametrize("degree", HIGH)
 @pytest.mark.parametrize("seed", [FRESH, FRESH + 1])
 def test_high_degrees_on_flat_triangles_converge_or_are_lost_in_rounding(degree: int, seed: int) -> None:
     """From degree 5 on rounding makes the block of a very flat triangle indefinite: then that is said."""
@@ -207,7 +208,7 @@ def test_double_precision_takes_over(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("bisector", ["metis", "kmeans", "spectral"])
-@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("name", ["triangles", "voronoi"])
 def test_any_hierarchy_serves(name: str, bisector: str) -> None:
     if bisector == "metis":
         pytest.importorskip("pymetis")
@@ -340,14 +341,14 @@ def energy_error(found: Solution) -> float:
     return float(np.sqrt(square / (exact @ (found.A @ exact)))) if square else 0.0
 
 
-@pytest.mark.parametrize("seed", [*range(2000, 2010), 3029])  # 3029: a coarse matrix that is singular
+@pytest.mark.parametrize("seed", [*range(2000, 2005), 3029])  # 3029: a coarse matrix that is singular
 def test_what_is_called_converged_is_right(seed: int) -> None:
     assert checked(seed)
 
 
 @pytest.mark.slow
-def test_what_is_called_converged_is_right_on_two_hundred_problems() -> None:
-    assert sum(checked(seed) for seed in range(3000, 3200)) >= 190
+def test_what_is_called_converged_is_right_on_a_hundred_problems() -> None:
+    assert sum(checked(seed) for seed in range(3000, 3100)) >= 95
 
 
 def test_seconds_of_levels_that_it_makes_are_a_phase_of_their_own() -> None:
@@ -373,7 +374,7 @@ def test_energy_errors_and_tolerance_of_all_iterates_are_told() -> None:
     assert len(both.energy_errors) == len(both.residuals) == both.iterations + 1
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_stiff_cells_hang_on_small_entries_of_the_matrix_with_bubbles(seed: int) -> None:
     mesh = samples.voronoi(4096, seed=seed)
     kappa = np.where(np.random.default_rng(seed).random(mesh.n_cells) < 0.5, 1.0, 1e6)

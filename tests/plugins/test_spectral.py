@@ -86,7 +86,7 @@ def test_few_nodes_have_few_modes():
 
 @pytest.mark.parametrize("split", SPLITS)
 @pytest.mark.parametrize("size", [(2, 2), (4, 4), (8, 8), (6, 3), (12, 12), (3, 10)])
-@pytest.mark.parametrize("turn", [0.0, 0.3, 1.0, 2.5])
+@pytest.mark.parametrize("turn", [0.0, 1.0])
 def test_grids_of_squares_are_halved_straight(split, size, turn):
     graph = rectangle(*size, turn, 1e5).graph
     sides = sides_of(graph, split=split)
@@ -110,7 +110,7 @@ def test_the_paper_s_regular_grids_give_sixteen_squares(name):
 
 def test_quality_on_random_meshes():
     means = []
-    for seed in range(4):
+    for seed in range(2):
         for mesh in (agglo.samples.random_triangles(128, seed), agglo.samples.voronoi(256, seed)):
             labels = agglo.agglomerate(mesh, bisector="spectral", h_star=np.sqrt(2) / 4).levels[0]
             means.append(agglo.quality(mesh, labels, metrics=("CR",))["CR"].mean())
@@ -242,7 +242,7 @@ def moved(mesh, order, turn, scale, shift):
 
 @pytest.mark.parametrize("split", SPLITS)
 @pytest.mark.parametrize("dense_limit", [16, 1000])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_cut_follows_the_mesh(split, dense_limit, seed):
     rng = np.random.default_rng(seed)
     mesh = agglo.samples.voronoi(90, seed) if seed % 2 else agglo.samples.random_triangles(50, seed)
