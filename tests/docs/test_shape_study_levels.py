@@ -110,13 +110,12 @@ def test_solids_are_measured_and_bad_shapes_cost() -> None:
     assert by_size["outcomes"]["parts"] == by_size["metrics"]["parts"] >= 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "keys"),
     [
         ("levels", ["counts", "sizes"]),
-        pytest.param(
-            "solids", ["two-counts", "two-sizes", "four-counts", "four-sizes"], marks=pytest.mark.slow
-        ),
+        ("solids", ["two-counts", "two-sizes", "four-counts", "four-sizes"]),
     ],
 )
 def test_the_other_studies_write_their_pages(

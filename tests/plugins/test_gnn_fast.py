@@ -18,6 +18,9 @@ from agglo_gnn.plane.features import FEATURES, rasterise
 from agglo_gnn.plane.lookahead import look_ahead
 from agglo_gnn.training.pieces import piece_graphs
 
+rasterised = pytest.mark.slow
+"""Tests of what takes rasters outside a bisection: two kernels of ten seconds are compiled for them alone."""
+
 
 def sides_of(graph, bisector=None):
     return (bisector or FastGNN()).bisect_level(graph, np.zeros(graph.n_blocks, np.uint64))
@@ -85,6 +88,7 @@ def level() -> Graph:
     return mesh.graph.split(agglo.agglomerate(mesh, n_parts=4).levels[0])[0]
 
 
+@rasterised
 def test_the_kernel_is_the_network(level):
     rasters = rasterise(level)
     net = tuple(frozen_float(values) for values in arrays(1).values())
@@ -97,6 +101,7 @@ def test_the_kernel_is_the_network(level):
     np.testing.assert_allclose(kernel_directions(rasters, net), slow, rtol=1e-10, atol=1e-12)
 
 
+@rasterised
 def test_the_kernel_agrees_with_torch(level):
     torch = pytest.importorskip("torch")
     from agglo_gnn.plane.network import network
@@ -112,6 +117,7 @@ def test_the_kernel_agrees_with_torch(level):
     np.testing.assert_allclose(here, there, rtol=1e-5, atol=1e-5)
 
 
+@rasterised
 def test_features_are_what_they_say(level):
     rasters = rasterise(level)
     assert len(FEATURES) == rasters.nodes.shape[1] + rasters.blocks.shape[1]
@@ -195,6 +201,7 @@ def test_pieces_are_connected_and_of_the_sizes_said():
         assert np.diff(graph.offsets).min() >= 10
 
 
+@rasterised
 def test_looking_ahead_needs_fewer_parts_of_the_size():
     h_star = np.sqrt(2) / 4
     counts = []
@@ -205,6 +212,7 @@ def test_looking_ahead_needs_fewer_parts_of_the_size():
     assert sum(counts[1::2]) < 0.97 * sum(counts[::2])
 
 
+@rasterised
 def test_looking_ahead_treats_every_block_alone(level):
     together = look_ahead(level, FastGNN().fast_sides, 4, 0.2)
     alone = [look_ahead(level[b], FastGNN().fast_sides, 4, 0.2) for b in range(level.n_blocks)]
@@ -233,6 +241,7 @@ def test_looking_ahead_needs_a_size_to_look_to():
     assert plain.for_target(Target(parts=6)) is plain
 
 
+@rasterised
 def test_being_told_a_target_leaves_the_bisector_as_it_was(level):
     bisector = FastGNN(lookahead=4)
     told = bisector.for_target(Target(h_star=0.2))
@@ -270,6 +279,7 @@ FastGNN().bisect_level(samples.squares(12).graph, np.zeros(1, np.uint64))
     subprocess.run([sys.executable, "-c", script], check=True)
 
 
+@rasterised
 def test_training_repeats_itself_and_starts_from_inertial_bisection():
     pytest.importorskip("torch")
     from agglo_gnn.plane.network import initial_parameters
