@@ -1,6 +1,6 @@
 """Run a guide: the fenced blocks of a Markdown file, from top to bottom, in the current folder.
 
-``python tests/docs/guide.py docs/how-to/write-a-plugin.md``
+``python tests/docs/guide.py docs/how-to/write-a-plugin.md``; without a file it serves requests (`serve`).
 
 - A block whose first line is a comment with a path, ``# my_package/halves.py``, is written to that file.
 - ``python`` blocks are executed in one namespace; ``sh`` blocks are run by ``bash -e``.
@@ -14,10 +14,14 @@ from __future__ import annotations
 import doctest
 import importlib
 import io
+import json
+import os
 import re
 import subprocess
 import sys
+import tempfile
 import textwrap
+import traceback
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from dataclasses import dataclass
@@ -25,7 +29,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Block", "GuideError", "blocks", "run"]
+__all__ = ["Block", "GuideError", "blocks", "run", "serve"]
 
 _FENCE = re.compile(r"^( *)```([^`\n]*)\n(.*?)^\1``` *$", re.MULTILINE | re.DOTALL)
 _PATH = re.compile(r"# ([\w./-]+\.\w+)\n")
@@ -117,6 +121,48 @@ def _compare(wanted: str, printed: str, where: str) -> None:
         raise GuideError(f"{where}: the guide says\n{wanted}\nbut the block before it printed\n{printed}")
 
 
+def serve() -> None:
+    """Run guides in forks of this process, which imports what most guides import.
+
+    A request is a line of JSON: the arguments of `_run_fork`. The answer is a line with the exit code.
+    """
+    import agglo_core as agglo
+
+    with tempfile.TemporaryDirectory() as folder:
+        mesh = agglo.samples.voronoi(100, seed=1)
+        agglo.plot.draw(mesh, {"": agglo.agglomerate(mesh, h_factor=(2, 4))}, Path(folder) / "levels.png")
+    for line in sys.stdin:
+        copy = os.fork()
+        if copy == 0:
+            _run_fork(**json.loads(line))
+        sys.stdout.write(f"{os.waitstatus_to_exitcode(os.waitpid(copy, 0)[1])}\n")
+        sys.stdout.flush()
+
+
+def _run_fork(guide: str, folder: str, output: str, environment: dict[str, str]) -> None:
+    """Run a guide in a folder, write its output and errors to a file, and exit."""
+    code = 1
+    try:
+        with open(output, "wb") as file, open(os.devnull, "rb") as nothing:
+            os.dup2(nothing.fileno(), 0)
+            os.dup2(file.fileno(), 1)
+            os.dup2(file.fileno(), 2)
+        os.environ.update(environment)
+        os.chdir(folder)
+        sys.path.insert(1, environment["PIP_TARGET"])
+        run(Path(guide))
+        code = 0
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
 if __name__ == "__main__":
     sys.path[0] = ""  # import from the current folder instead of this folder
-    run(Path(sys.argv[1]))
+    if len(sys.argv) > 1:
+        run(Path(sys.argv[1]))
+    else:
+        serve()

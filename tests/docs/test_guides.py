@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from docs.guide import Block, blocks
@@ -35,34 +38,52 @@ OFFLINE_PIP = {
 }
 
 
-def run_guide(guide: Path, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run a guide in a fresh interpreter; what it installs with pip goes to ``folder/site``."""
+class Ended(NamedTuple):
+    code: int
+    printed: str
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[subprocess.Popen[str]]:
+    """The runner, which runs guides in forks, because imports take longer than most guides."""
+    runner = subprocess.Popen(
+        [sys.executable, str(RUNNER)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=os.environ | {"MPLBACKEND": "Agg"},
+        text=True,
+    )
+    with runner:
+        yield runner
+
+
+def run_guide(guide: Path, folder: Path, server: subprocess.Popen[str]) -> Ended:
+    """Run a guide in a process of its own; what it installs with pip goes to ``folder/site``."""
     site, work = folder / "site", folder / "work"
     site.mkdir()
     work.mkdir()
     paths = (str(site), os.environ.get("PYTHONPATH", ""))
     programs = (str(Path(sys.executable).parent), os.environ["PATH"])
     environment = {
-        **os.environ,
         **OFFLINE_PIP,
         "PIP_TARGET": str(site),
         "PYTHONPATH": os.pathsep.join(filter(None, paths)),
         "PATH": os.pathsep.join(programs),
-        "MPLBACKEND": "Agg",
     }
-    return subprocess.run(
-        [sys.executable, str(RUNNER), str(guide)],
-        cwd=work,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    output = folder / "output.txt"
+    request = {"guide": str(guide), "folder": str(work), "output": str(output), "environment": environment}
+    assert server.stdin is not None
+    assert server.stdout is not None
+    print(json.dumps(request), file=server.stdin, flush=True)
+    code = int(server.stdout.readline())
+    return Ended(code, output.read_text(encoding="utf-8"))
 
 
 _LONG = (
     "README",
+    "choose-a-strategy",
     "more-than-one-machine",
+    "rules-for-parts",
     "three-dimensions",
     "train-a-model",
     "tutorial",
@@ -81,9 +102,9 @@ def _with_slow_ones() -> list[object]:
 
 
 @pytest.mark.parametrize("guide", _with_slow_ones())
-def test_every_block_of_the_guide_runs(guide: Path, tmp_path: Path) -> None:
-    done = run_guide(guide, tmp_path)
-    assert done.returncode == 0, done.stdout + done.stderr
+def test_every_block_of_the_guide_runs(guide: Path, tmp_path: Path, server: subprocess.Popen[str]) -> None:
+    done = run_guide(guide, tmp_path, server)
+    assert done.code == 0, done.printed
 
 
 def test_numbers_under_pictures_are_in_what_the_page_runs_or_prints() -> None:
@@ -156,9 +177,11 @@ def test_the_table_of_other_codes_leads_to_its_sections() -> None:
         ("```python\n# one.py\n```\n```python\nname\n```", "NameError"),
     ],
 )
-def test_the_runner_says_what_is_wrong_and_where(tmp_path: Path, text: str, complaint: str) -> None:
+def test_the_runner_says_what_is_wrong_and_where(
+    tmp_path: Path, text: str, complaint: str, server: subprocess.Popen[str]
+) -> None:
     guide = tmp_path / "it.md"
     guide.write_text(text)
-    done = run_guide(guide, tmp_path)
-    assert complaint in done.stderr
-    assert (done.returncode == 0) == (complaint == ""), done.stderr
+    done = run_guide(guide, tmp_path, server)
+    assert complaint in done.printed
+    assert (done.code == 0) == (complaint == ""), done.printed
