@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import os
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -71,15 +72,17 @@ def decoration(node: ast.AST) -> str:
     return ""
 
 
-def names_used(node: ast.AST, inside: str = "") -> Iterator[tuple[str, str]]:
+def names_used(tree: ast.AST) -> Iterator[tuple[str, str]]:
     """Names that are read, each with the compiled function, or none, in which it stands."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.Name) and isinstance(child.ctx, ast.Load):
-            yield child.id, inside
-        elif isinstance(child, ast.Attribute):
-            yield child.attr, inside
-        own = child.name if isinstance(child, ast.FunctionDef) and decoration(child) else inside
-        yield from names_used(child, own)
+    nodes = [(tree, "")]
+    while nodes:
+        node, inside = nodes.pop()
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.Name) and isinstance(child.ctx, ast.Load):
+                yield child.id, inside
+            elif isinstance(child, ast.Attribute):
+                yield child.attr, inside
+            nodes.append((child, child.name if decoration(child) else inside))  # type: ignore[attr-defined]
 
 
 def imported(tree: ast.Module) -> set[tuple[str, str]]:
@@ -88,19 +91,31 @@ def imported(tree: ast.Module) -> set[tuple[str, str]]:
     return {(str(node.module).rpartition(".")[2], alias.name) for node in froms for alias in node.names}
 
 
+TEXTS = {
+    file: file.read_text() for top in ("agglo_core", "plugins") for file in sorted((ROOT / top).rglob("*.py"))
+}
+
+
 @pytest.fixture(scope="module")
-def compiled() -> tuple[dict[str, str], dict[str, set[str]]]:
+def trees() -> dict[Path, ast.Module]:
+    """The files that define kernels or helpers, parsed."""
+    defining = (file for file, text in TEXTS.items() if re.search(r"@(kernel|helper)\b", text))
+    return {file: ast.parse(TEXTS[file]) for file in defining}
+
+
+@pytest.fixture(scope="module")
+def compiled(trees: dict[Path, ast.Module]) -> tuple[dict[str, str], dict[str, set[str]]]:
     """Kernels and helpers by name, and for each the compiled functions ("" for Python) that use it."""
-    files = [file for top in ("agglo_core", "plugins") for file in (ROOT / top).rglob("*.py")]
-    trees = [ast.parse(file.read_text()) for file in files]
-    own = [{n.name: decoration(n) for n in ast.walk(t) if decoration(n)} for t in trees]  # type: ignore[attr-defined]
-    kinds = {name: kind for names in own for name, kind in names.items()}
+    own = {file: {n.name: decoration(n) for n in ast.walk(t) if decoration(n)} for file, t in trees.items()}  # type: ignore[attr-defined]
+    kinds = {name: kind for names in own.values() for name, kind in names.items()}
     users: dict[str, set[str]] = {name: set() for name in kinds}
-    homes = {(file.stem, name) for file, names in zip(files, own, strict=True) for name in names}
+    homes = {(file.stem, name) for file, names in own.items() for name in names}
     homes |= {("authoring", name) for name in kinds}
-    for tree, names in zip(trees, own, strict=True):
-        known = {name for _, name in imported(tree) & homes} | set(names)
-        for name, user in names_used(tree):
+    using = (file for file, text in TEXTS.items() if not kinds.keys().isdisjoint(re.findall(r"\w+", text)))
+    for file in using:
+        tree = trees.get(file) or ast.parse(TEXTS[file])
+        known = {name for _, name in imported(tree) & homes} | set(own.get(file, ()))
+        for name, user in names_used(tree) if known else ():
             if name in known and name != user:
                 users[name].add(user)
     return kinds, users
@@ -147,11 +162,10 @@ def calls_of(node: ast.AST) -> set[str]:
     return plain | {func.attr for func in calls if isinstance(func, ast.Attribute)}
 
 
-def test_helpers_that_make_arrays_or_call_such_say_so() -> None:
+def test_helpers_that_make_arrays_or_call_such_say_so(trees: dict[Path, ast.Module]) -> None:
     said, needed = set(), set()
     calls: dict[tuple[str, str], set[tuple[str, str]]] = {}
-    for file in [file for top in ("agglo_core", "plugins") for file in (ROOT / top).rglob("*.py")]:
-        tree = ast.parse(file.read_text())
+    for file, tree in trees.items():
         froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
         home = {alias.name: str(node.module).split(".")[-1] for node in froms for alias in node.names}
         helpers = (node for node in tree.body if isinstance(node, ast.FunctionDef))

@@ -6,7 +6,6 @@ shapes in those of the metrics.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections import defaultdict
@@ -17,6 +16,7 @@ import networkx as nx
 import numpy as np
 import pytest
 import shapely
+from forked import run_in_fork
 from hypothesis import assume, given, settings, strategies as st
 from scipy.spatial.distance import pdist
 
@@ -551,40 +551,32 @@ assert set(used.values()) == {1}, used
 """
 
 
-def python(script: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True, text=True, check=True, env=os.environ | environment,
-    )  # fmt: skip
-
-
 def test_every_kernel_has_one_signature_in_the_plane() -> None:
-    python(TYPICAL_RUN + CHECK)
+    subprocess.run([sys.executable, "-c", TYPICAL_RUN + CHECK], check=True)
 
 
-PERMUTE = """
-import numpy as np
-from agglo_core.arrays import frozen_index, frozen_int
+DOUBLED = """
+from agglo_core.authoring import kernel
+
+@kernel
+def doubled(x):
+    return 2 * x
+"""
+WATCHED = """
+from doubles import doubled
 from agglo_core.compiled.first_run import watch_compilation
-from agglo_core.compiled.graphs import take_rows
-
-def permute():
-    return take_rows(frozen_int([0, 0]), frozen_index([]), frozen_int([0]))[0].tolist()
 
 told = []
 with watch_compilation(lambda: told.append("told")):
-    found = [permute(), permute()]
+    found = [doubled(3), doubled(4)]
 print(*found, *told)
 """
 
 
 def test_compilation_is_told_of_once_and_not_when_a_kernel_is_on_disk(tmp_path: Path) -> None:
-    run = python(PERMUTE, NUMBA_CACHE_DIR=str(tmp_path))
-    assert run.stdout == "[0, 0] [0, 0] told\n"
-    again = python(PERMUTE, NUMBA_CACHE_DIR=str(tmp_path))
-    assert again.stdout == "[0, 0] [0, 0]\n"
-    elsewhere = python(PERMUTE, NUMBA_CACHE_DIR=str(tmp_path / "other"))
-    assert elsewhere.stdout == "[0, 0] [0, 0] told\n"
+    (tmp_path / "doubles.py").write_text(DOUBLED)
+    for folder, printed in (("one", "6 8 told\n"), ("one", "6 8\n"), ("other", "6 8 told\n")):
+        assert run_in_fork(WATCHED, tmp_path, tmp_path / folder) == (printed, "")
 
 
 UNWRITABLE = """
@@ -595,12 +587,13 @@ def refuse(self):
     raise PermissionError("read-only file system")
 
 caching._CacheLocator.ensure_cache_path = refuse
-logging.basicConfig(format="%(levelname)s %(name)s %(message)s")
+logging.basicConfig(format="%(levelname)s %(name)s %(message)s", force=True)
 """
 
 
-def test_without_a_writable_folder_there_is_one_warning_and_it_works() -> None:
-    run = python(UNWRITABLE + PERMUTE)
-    assert run.stdout == "[0, 0] [0, 0] told\n"
-    assert run.stderr.count("\n") == 1
-    assert run.stderr.startswith("WARNING agglo no folder for compiled kernels is writable")
+def test_without_a_writable_folder_there_is_one_warning_and_it_works(tmp_path: Path) -> None:
+    (tmp_path / "doubles.py").write_text(DOUBLED)
+    out, err = run_in_fork(UNWRITABLE + WATCHED, tmp_path)
+    assert out == "6 8 told\n"
+    assert err.count("\n") == 1
+    assert err.startswith("WARNING agglo no folder for compiled kernels is writable")

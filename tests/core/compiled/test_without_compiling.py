@@ -24,16 +24,17 @@ print(json.dumps(answers))
 """
 
 
-def answers(**environment: str) -> list[tuple[list[list[int]], int, list[float]]]:
-    """Labels, iterations and unknowns of the script, run with some environment variables."""
+def answers(printed: str) -> list[tuple[list[list[int]], int, list[float]]]:
+    """Labels, iterations and unknowns that the script has printed."""
+    return [tuple(answer) for answer in json.loads(printed)]
+
+
+def test_kernels_in_python_give_the_same_labels_and_solutions(capsys: pytest.CaptureFixture[str]) -> None:
     run = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", SCRIPT],  # hashes overflow, as they do in machine code
-        capture_output=True, text=True, check=True, env=os.environ | environment,
+        capture_output=True, text=True, check=True, env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
     )  # fmt: skip
-    return [tuple(answer) for answer in json.loads(run.stdout)]
-
-
-def test_kernels_in_python_give_the_same_labels_and_solutions() -> None:
-    for plain, compiled in zip(answers(NUMBA_DISABLE_JIT="1"), answers(), strict=True):
+    exec(SCRIPT, {})
+    for plain, compiled in zip(answers(run.stdout), answers(capsys.readouterr().out), strict=True):
         assert plain[:2] == compiled[:2]
         assert plain[2] == pytest.approx(compiled[2], abs=1e-9 * np.abs(compiled[2]).max())
