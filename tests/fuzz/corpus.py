@@ -28,17 +28,19 @@ from agglo_core.interchange import to_geojson
 __all__ = ["valid_files"]
 
 
+def valid_files(suffix: str) -> list[bytes]:
+    """Return small valid files of a suffix, including every coding and layout."""
+    return [*_own_files().get(suffix, []), *foreign_files(suffix)]
+
+
 @cache
-def valid_files() -> dict[str, list[bytes]]:
-    """Return small valid files by suffix, including every coding and layout."""
-    foreign, field = foreign_files(), field_files()
+def _own_files() -> dict[str, list[bytes]]:
+    """Return files by suffix that were not written by meshlane."""
     return {
-        **foreign,
-        **field,
+        **field_files(),
         ".vtu": [*_vtu_by_hand(), *_written(".vtu"), _vtu_with_names()],
         ".npz": _npz(),
-        ".msh": [*_msh(), *foreign[".msh"]],
-        ".vtk": [*field[".vtk"], *foreign[".vtk"]],
+        ".msh": _msh(),
         ".toml": [text.encode() for text in _RUNS.split("---")],
         ".problem.toml": [text.encode() for text in _PROBLEMS.split("---")],
         ".safetensors": [_WEIGHTS.read_bytes()],
@@ -57,6 +59,7 @@ seed = 3
 bisector = { name = "spectral", split = "median" }
 refiners = [{ name = "interface", floor = 0.9 }]
 merge = true
+h_factor = [2, 4]
 ---
 bisector = { name = "sweep" }
 h_factor = [2, 4.5]

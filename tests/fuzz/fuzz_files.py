@@ -207,7 +207,7 @@ def _command(file: Path, *, by_process: bool) -> Verdict | None:
     """Return the fault of ``agglo run FILE -o out.vtu``, or None."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out.vtu"
-        arguments = ["run", str(file), "--bisector", "coordinate", "-o", str(out)]
+        arguments = ["run", str(file), "--bisector", "coordinate", "--h-factor", "2,4,8", "-o", str(out)]
         try:
             code, said = _apart(arguments) if by_process else _here(arguments)
         except (_Hang, subprocess.TimeoutExpired):
@@ -247,15 +247,15 @@ def fuzz(
 
     ``part`` selects a share of the files, for several processes.
     """
-    valid = valid_files()
     with tempfile.TemporaryDirectory() as folder, without_new_processes():
         for suffix in counts:
             _warm_up(suffix)
         memory, largest = Memory(), 0
         for suffix, count in counts.items():
+            valid = valid_files(suffix)
             for i in range(part[0], count, part[1]):
                 rng = np.random.default_rng([seed, *suffix.encode(), i])
-                content = damaged(rng, suffix, valid[suffix][i % len(valid[suffix])])
+                content = damaged(rng, suffix, valid[i % len(valid)])
                 file = Path(folder) / f"m{suffix}"
                 lay_out(file, content)
                 command = i % every == every - 1
@@ -285,7 +285,7 @@ def _warm_up(suffix: str) -> None:
     bombs(suffix)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"m{suffix}"
-        for content in valid_files()[suffix][:12]:
+        for content in valid_files(suffix)[:12]:
             lay_out(file, content)
             judge(file, command=False)
     _largest_child()

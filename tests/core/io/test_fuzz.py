@@ -97,7 +97,7 @@ def test_two_thousand_damaged_files(suffix: str) -> None:
 @pytest.mark.parametrize("suffix", [".vtu", ".npz", ".system.npz", ".mtx", ".safetensors", ".geojson"])
 def test_bombs_cost_what_they_declare(suffix: str, tmp_path: Path) -> None:
     """Files of half a megabyte that hold 400 MB, or claim to."""
-    whole = valid_files()[suffix][0]
+    whole = valid_files(suffix)[0]
     file = tmp_path / f"m{suffix}"
     lay_out(file, whole)
     judge(file, command=False)
@@ -129,7 +129,7 @@ def test_bombs_are_called_by_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", SHARE)
 def test_what_is_damaged_was_whole(suffix: str, tmp_path: Path) -> None:
-    for content in valid_files()[suffix]:
+    for content in valid_files(suffix):
         file = tmp_path / f"m{suffix}"
         lay_out(file, content)
         kind = (
