@@ -1,11 +1,13 @@
 """Run test functions and the command line on several MPI ranks under ``mpiexec``.
 
 The ranks are separate processes, if necessary more than cores. Without mpi4py or ``mpiexec`` the tests are
-skipped. A failure shows the traceback of its rank, and a timeout shows the stack of each rank.
+skipped. Ranks that run functions are started once per test process: a function must restore what it changes.
+A failure shows the traceback of its rank, a timeout the stack of each rank, and both end all ranks.
 """
 
 from __future__ import annotations
 
+import atexit
 import faulthandler
 import importlib
 import importlib.util
@@ -14,14 +16,17 @@ import os
 import pickle
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from multiprocessing.connection import Client, Connection, wait
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 __all__ = ["Ended", "by_open_mpi", "ended", "launch", "on_ranks", "started"]
 
@@ -31,6 +36,7 @@ PROGRAM = "from agglo_core.cli import main; main()"
 """Command line as a program for ``python -c``."""
 _GRACE = 0.5  # seconds in which other ranks may still report their failure, before all are stopped
 _AFTER = 60.0  # seconds for start and stop, in addition to the work
+_USUAL = 3  # ranks that most tests need
 
 
 class Ended(NamedTuple):
@@ -57,17 +63,85 @@ def on_ranks(size: int, function: Callable[..., T], *arguments: Any, seconds: fl
         Time limit for each rank.
     """
     file = inspect.getsourcefile(function)
-    assert file is not None
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / "arguments").write_bytes(pickle.dumps(arguments))
-        done = ended(started(size, [__file__, file, function.__name__, name, str(seconds)]), seconds + _AFTER)
-        failures = sorted(
-            folder.glob("failure-*"), key=lambda path: ("RankError" in path.read_text(), path.name)
+    task = size, file, function.__name__, pickle.dumps(arguments), seconds
+    return _Pool.of(size).run(task)
+
+
+class _Pool:
+    """Ranks that run functions. A function on fewer ranks runs on the first ones."""
+
+    current: ClassVar[_Pool | None] = None
+
+    def __init__(self, size: int) -> None:
+        self.size, self._temporary = size, tempfile.TemporaryDirectory(prefix="ranks-")
+        self.folder = Path(self._temporary.name)
+        with socket.socket(socket.AF_UNIX) as server, open(self.folder / "output", "w") as output:
+            server.bind(str(self.folder / "socket"))
+            server.listen(size)
+            self.process = started(size, [__file__, self._temporary.name], output=output)
+            server.settimeout(_AFTER)
+            ranks = {}
+            for _ in range(size):
+                connection = Connection(server.accept()[0].detach())
+                ranks[connection.recv()] = connection
+        self.connections = [ranks[rank] for rank in range(size)]
+        atexit.register(self.end)
+
+    @classmethod
+    def of(cls, size: int) -> _Pool:
+        """Return the current ranks, replaced if they are too few."""
+        if cls.current is not None and cls.current.size < size:
+            cls.current.end()
+        cls.current = cls.current or _Pool(max(size, _USUAL))
+        return cls.current
+
+    def run(self, task: tuple[Any, ...]) -> list[Any]:
+        """Run a function and return its answers."""
+        size, _, name, _, seconds = task
+        waiting: dict[Any, int] = {}
+        for rank, connection in enumerate(self.connections[:size]):
+            connection.send(task)
+            waiting[connection] = rank
+        answers, failures = {}, {}
+        until = time.monotonic() + seconds + _AFTER
+        while waiting and (ready := wait(list(waiting), max(until - time.monotonic(), 0.0))):
+            for connection in ready:
+                rank, answer, failure = waiting.pop(connection), None, ""
+                with suppress(EOFError, OSError):  # a rank that has ended
+                    answer, failure = connection.recv()
+                if answer is None:
+                    failures[rank] = failure
+                    until = min(until, time.monotonic() + _GRACE)
+                else:
+                    answers[rank] = pickle.loads(answer)
+        if len(answers) == size:
+            return [answers[rank] for rank in range(size)]
+        self.process.terminate()  # mpiexec forwards it to the ranks
+        with suppress(subprocess.TimeoutExpired):
+            self.process.wait(5.0)
+        for rank in range(size):
+            failures[rank] = failures.get(rank) or (self.folder / f"stacks-{rank}").read_text()
+        told = "\n".join(
+            f"failure-{rank}:\n{failures[rank]}"
+            for rank in sorted(failures, key=lambda rank: ("RankError" in failures[rank], rank))
+            if failures[rank]
         )
-        told = "\n".join(f"{path.name}:\n{path.read_text()}" for path in failures if path.read_text())
-        assert done.code == 0, f"{function.__name__} on {size} ranks:\n{told or done.out + done.err}"
-        return [pickle.loads((folder / f"answer-{rank}").read_bytes()) for rank in range(size)]
+        output = (self.folder / "output").read_text()
+        self.end()
+        raise AssertionError(f"{name} on {size} ranks:\n{told or output}")
+
+    def end(self) -> None:
+        """End all ranks."""
+        _Pool.current = None
+        atexit.unregister(self.end)
+        for connection in self.connections:
+            connection.close()
+        try:
+            self.process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self._temporary.cleanup()
 
 
 def launch(size: int, *arguments: str, cwd: Path, program: str = PROGRAM, seconds: float = 60.0) -> Ended:
@@ -81,6 +155,7 @@ def started(
     *,
     cwd: Path | None = None,
     environment: Mapping[str, str] | None = None,
+    output: Any = subprocess.PIPE,
 ) -> subprocess.Popen[str]:
     """Start ``mpiexec -n size python ARGUMENTS``, or skip the test without MPI."""
     return subprocess.Popen(
@@ -88,8 +163,8 @@ def started(
         cwd=cwd,
         env={**os.environ, **_SURROUNDINGS, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         | dict(environment or {}),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+        stdout=output,
+        stderr=output,
         text=True,
     )
 
@@ -137,25 +212,32 @@ def _mpiexec() -> str:
     return found
 
 
-def _work(file: str, name: str, folder: str, seconds: str) -> None:
-    """Run one rank of :func:`on_ranks`."""
+def _serve(name: str) -> None:
+    """Run on one rank the functions that :class:`_Pool` sends."""
     from mpi4py import MPI
 
-    rank, home = MPI.COMM_WORLD.rank, Path(folder)
-    with open(home / f"failure-{rank}", "w") as failure:
-        try:
-            sys.path.insert(0, str(Path(file).parent))
-            module = importlib.import_module(Path(file).stem)
-            faulthandler.dump_traceback_later(float(seconds), exit=True, file=failure)
-            arguments = pickle.loads((home / "arguments").read_bytes())
-            (home / f"answer-{rank}").write_bytes(pickle.dumps(getattr(module, name)(*arguments)))
-        except BaseException:
-            failure.write(traceback.format_exc())
-            failure.flush()
-            time.sleep(_GRACE)
-            MPI.COMM_WORLD.Abort(1)
-        faulthandler.cancel_dump_traceback_later()
+    world, folder, communicators = MPI.COMM_WORLD, Path(name), {}
+    connection = Client(str(folder / "socket"), family="AF_UNIX")
+    connection.send(world.rank)
+    with open(folder / f"stacks-{world.rank}", "w") as stacks, suppress(EOFError):
+        while True:
+            size, file, function, arguments, seconds = connection.recv()
+            if size not in communicators:
+                communicators[size] = world.Create_group(world.group.Incl(range(size)))
+            # functions take the ranks that run them for all there are
+            MPI.COMM_WORLD = communicators[size]  # type: ignore[misc]
+            faulthandler.dump_traceback_later(seconds, exit=True, file=stacks)
+            answer, failure = None, ""
+            try:
+                sys.path.insert(0, str(Path(file).parent))
+                module = importlib.import_module(Path(file).stem)
+                answer = pickle.dumps(getattr(module, function)(*pickle.loads(arguments)))
+            except BaseException:
+                failure = traceback.format_exc()
+            faulthandler.cancel_dump_traceback_later()
+            del sys.path[0]
+            connection.send((answer, failure))
 
 
 if __name__ == "__main__":
-    _work(*sys.argv[1:])
+    _serve(sys.argv[1])

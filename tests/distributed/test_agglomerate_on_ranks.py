@@ -143,8 +143,9 @@ def test_all_of_it_with_labels_that_do_not_depend_on_the_ranks() -> None:
 
 def small_domains(cases: Mapping[str, dict[str, Any]], few: int) -> dict[str, Labels]:
     """The same where so many nodes of a domain are many: agglomerates are made before domains are joined."""
-    distributed_levels._FEW_NODES = few
-    return labels_of(cases, False)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(distributed_levels, "_FEW_NODES", few)
+        return labels_of(cases, False)
 
 
 def test_agglomerates_in_between_keep_sizes_and_counts() -> None:

@@ -127,6 +127,7 @@ def touching(ranks: Ranks) -> list[str]:
     mesh = DistributedMesh.from_local(ranks, **mine)
     assert len(mesh.global_ids) == 1
     assert DistributedMesh.from_local(ranks, **mine, allow_gaps=True).n_cells == 3
+    logging.getLogger("agglo").removeHandler(handler)
     return told
 
 

@@ -150,9 +150,7 @@ def compare_all() -> None:
         compare(again, whole.coarsen(labels).coarsen(np.arange(parts) // 4))
 
 
-@pytest.mark.parametrize(
-    "size", [pytest.param(1, marks=pytest.mark.slow), 2, 3, pytest.param(4, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("size", [*(pytest.param(size, marks=pytest.mark.slow) for size in (1, 2, 4)), 3])
 def test_meshes_do_not_depend_on_the_number_of_ranks(size: int) -> None:
     on_ranks(size, compare_all, seconds=100)
 
