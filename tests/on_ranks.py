@@ -102,13 +102,19 @@ class _Pool:
         for rank, connection in enumerate(self.connections[:size]):
             connection.send(task)
             waiting[connection] = rank
-        answers, failures = {}, {}
+        answers: dict[int, Any] = {}
+        failures: dict[int, str] = {}
         until = time.monotonic() + seconds + _AFTER
-        while waiting and (ready := wait(list(waiting), max(until - time.monotonic(), 0.0))):
-            for connection in ready:
-                rank, answer, failure = waiting.pop(connection), None, ""
+        while waiting:
+            ready: list[Any] = wait(list(waiting), max(until - time.monotonic(), 0.0))
+            if not ready:
+                break
+            for each in ready:
+                rank = waiting.pop(each)
+                answer: bytes | None = None
+                failure = ""
                 with suppress(EOFError, OSError):  # a rank that has ended
-                    answer, failure = connection.recv()
+                    answer, failure = each.recv()
                 if answer is None:
                     failures[rank] = failure
                     until = min(until, time.monotonic() + _GRACE)

@@ -15,12 +15,10 @@ from agglo_core.distributed.agglomeration.blocks_by_coordinates import coordinat
 
 BLOCK = 200
 CASES: dict[str, dict[str, Any]] = {
-    "sizes": {"h_factor": (2, 4, 8)},
     "counts down to one part": {"n_parts": (150, 30, 3, 1)},
-    "regions": {"regions": "mat", "n_parts": (150, 30)},
     "barriers": {"barriers": "crack", "h_factor": (3, 9)},
-    "stretched": {"metric": np.diag([1.0, 9.0]), "n_parts": (150, 12)},
 }
+"""Others are compared on two ranks, in test_agglomerate_on_ranks."""
 
 
 def halved(points: NDArray[Any], depth: int) -> NDArray[Any]:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
 import re
 import signal
 import time
+from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
 from command_line import Agglo
-from on_ranks import Ended, by_open_mpi, ended, launch, started
+from on_ranks import Ended, by_open_mpi, ended, launch, on_ranks, started
 
 from agglo_core import quality, read, read_hierarchy
+from agglo_core.cli import main
 from agglo_core.cli.ranks.launch import Launched, find_launch
 
 RUN = ("run", "voronoi:n=200,seed=2", "--bisector", "coordinate", "--no-polish")
@@ -84,14 +89,41 @@ def test_a_run_on_three_ranks_prints_one_table_and_writes_its_levels(tmp_path: P
     assert coarse.cell_measures.sum() == pytest.approx(mesh.cell_measures.sum(), rel=1e-12)
 
 
-@pytest.mark.slow
+def run_commands(commands: Sequence[Sequence[str]], folder: str) -> list[Ended]:
+    """What this rank prints and its exit code, for each of several commands."""
+    from mpi4py import MPI
+
+    answers = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for name in {"PMI_SIZE", "OMPI_COMM_WORLD_SIZE"} & os.environ.keys():
+            patch.setenv(name, str(MPI.COMM_WORLD.size))
+        for arguments in commands:
+            out, err = io.StringIO(), io.StringIO()
+            with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as done:
+                main(arguments)
+            assert isinstance(done.value.code, int)
+            answers.append(Ended(done.value.code, out.getvalue(), err.getvalue(), 0.0))
+    return answers
+
+
+def on_two(commands: Sequence[Sequence[str]], folder: Path) -> list[Ended]:
+    """What two ranks print together, for each of several commands."""
+    answers = on_ranks(2, run_commands, commands, str(folder))
+    assert [each.code for each in answers[0]] == [each.code for each in answers[1]]
+    return [
+        Ended(one.code, one.out + other.out, one.err + other.err, 0.0)
+        for one, other in zip(*answers, strict=True)
+    ]
+
+
 def test_one_process_makes_the_same_parts_where_ranks_do_not_matter(agglo: Agglo, tmp_path: Path) -> None:
-    """The same command with and without mpiexec, and what both write."""
+    """The same command on one rank and on two, and what both write."""
     pytest.importorskip("mpi4py")
     options = ("--parts", "30", "--independent-of-ranks", "--json")
     one = agglo(*RUN, *options, "-o", "one.pvtu")
     assert one.code == 0, one.err
-    two = launch(2, *RUN, *options, "-o", "two.pvtu", cwd=tmp_path)
+    (two,) = on_two([(*RUN, *options, "-o", "two.pvtu")], tmp_path)
     assert two.code == 0, two.err
     told = [json.loads(text) for text in (one.out, two.out)]
     assert [each["ranks"] for each in told] == [1, 2]
@@ -113,13 +145,11 @@ REFUSED = {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("arguments", REFUSED, ids=" ".join)
-def test_what_cannot_be_had_is_refused_once(tmp_path: Path, arguments: tuple[str, ...]) -> None:
-    done = launch(2, *arguments, cwd=tmp_path)
-    assert (done.code, done.out) == (2, "")
-    assert done.err.count("error: ") == 1
-    assert f"error: {REFUSED[arguments]}" in done.err.replace("\n", " ")
+def test_what_cannot_be_had_is_refused_once(tmp_path: Path) -> None:
+    for arguments, done in zip(REFUSED, on_two(list(REFUSED), tmp_path), strict=True):
+        assert (done.code, done.out) == (2, ""), arguments
+        assert done.err.count("error: ") == 1
+        assert f"error: {REFUSED[arguments]}" in done.err.replace("\n", " ")
     assert left(tmp_path) == []
 
 
