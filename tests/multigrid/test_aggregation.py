@@ -166,7 +166,7 @@ def joined_to_all(n: int) -> sparse.csr_array:
 
 @pytest.mark.parametrize("make_stack", [aggregation_stack, classical_stack])
 @pytest.mark.parametrize(
-    "A", [preferential_attachment(4_000, 3, 5), preferential_attachment(2_000, 8, 6), joined_to_all(60)]
+    "A", [preferential_attachment(1_500, 3, 5), preferential_attachment(800, 8, 6), joined_to_all(60)]
 )
 def test_levels_of_graphs_with_hubs_stay_sparse(
     make_stack: Callable[..., LevelStack], A: sparse.csr_array

@@ -7,12 +7,13 @@ import pytest
 from multigrid.random_systems import block_diagonal, random_system
 from scipy import sparse
 
+from agglo_core.arrays import frozen_float, frozen_index, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.multigrid import BlockMatrix, block_inverses, block_matrix
 from agglo_core.multigrid.kernels.block_sweeps import both_products, clear_tiny, invert_blocks
 from agglo_core.multigrid.matrices.block_product import BlockProduct, fast_product
 
-EQUAL = [np.full(20, width) for width in (1, 3, 4, 10, 17)]
+EQUAL = [np.full(20, width) for width in (1, 3, 17)]  # 17 is wider than any kernel with a constant width
 UNEQUAL = [np.array([2, 0, 5, 1, 3, 0, 4, 4])]
 PRECISIONS = [(np.float64, 1e-12), (np.float32, 2e-5)]
 
@@ -100,7 +101,7 @@ def test_single_precision_has_no_entries_that_vanish_beside_others() -> None:
     assert double.toarray()[0, 1] == 1e-25
 
 
-@pytest.mark.parametrize("width", [1, 2, 4])
+@pytest.mark.parametrize("width", [1, 3])
 def test_a_block_that_is_not_positive_definite_is_named(width: int) -> None:
     A = random_system(8 * width).tolil()
     A[3 * width, 3 * width] = -1.0
@@ -113,7 +114,7 @@ def test_a_block_that_is_not_positive_definite_is_named(width: int) -> None:
 
 def test_singular_blocks_are_found_despite_rounding() -> None:
     block = np.full((3, 3), 1.0 / 3.0)
-    assert invert_blocks(np.array([0, 3]), block.ravel()) == 0
+    assert invert_blocks(frozen_int([0, 3]), block.ravel()) == 0
 
 
 def test_what_does_not_fit_is_refused() -> None:
@@ -127,14 +128,15 @@ def test_what_does_not_fit_is_refused() -> None:
         block_matrix(A, np.arange(7), np.float16)
 
 
-@pytest.mark.parametrize("width", [1, 3, 7])
+@pytest.mark.parametrize("width", [1, 3])
 def test_products_both_ways_and_tiny_entries(width: int) -> None:
     rng = np.random.default_rng(width)
     full = rng.standard_normal((5 * width, 5 * width)) * np.kron(
         rng.random((5, 5)) < 0.6, np.ones((width,) * 2)
     )
     A, v = sparse.bsr_array(full, blocksize=(width, width)), rng.standard_normal(5 * width)
-    there, back = both_products(A.indptr, A.indices, A.data, v)
+    pattern = frozen_index(A.indptr), frozen_index(A.indices)
+    there, back = both_products(*pattern, frozen_float(A.data), frozen_float(v))
     assert there == pytest.approx(full @ v)
     assert back == pytest.approx(full.T @ v)
     values = np.array([1.0, -1e-23, 1e-21, 0.0, -2.0])
@@ -142,7 +144,7 @@ def test_products_both_ways_and_tiny_entries(width: int) -> None:
     assert values.tolist() == [1.0, 0.0, 1e-21, 0.0, -2.0]
 
 
-@pytest.mark.parametrize("width", [1, 2, 6, 10, 17])
+@pytest.mark.parametrize("width", [1, 3, 17])
 def test_swift_products_are_those_of_scipy(width: int) -> None:
     rng = np.random.default_rng(width)
     A = sparse.random_array((8 * width, 8 * width), density=0.3, rng=rng).tobsr((width, width))

@@ -50,11 +50,11 @@ def test_injection_and_galerkin_are_the_formulas() -> None:
 
 
 def test_smoothed_injection_is_one_damped_step_of_block_jacobi(voronoi: Hierarchy) -> None:
-    system = shifted(voronoi.fine, 2)
+    system = shifted(voronoi.fine, 3)
     level = Composition("smoothed").stack(system, voronoi.levels[:1]).levels[0]
     A = system.A.toarray()
-    inject = np.kron(np.eye(60)[voronoi.levels[0]], np.eye(2))
-    blocks = [np.linalg.inv(A[i : i + 2, i : i + 2]) for i in range(0, len(A), 2)]
+    inject = np.kron(np.eye(60)[voronoi.levels[0]], np.eye(3))
+    blocks = [np.linalg.inv(A[i : i + 3, i : i + 3]) for i in range(0, len(A), 3)]
     D = block_diag(*blocks)
     largest = np.linalg.eigvals(D @ A).real.max()
     step = inject - level.P.toarray()
@@ -142,7 +142,7 @@ class OneForEachPart:
 
 
 def test_parts_of_others_by_name_object_and_function(voronoi: Hierarchy) -> None:
-    system, registry = shifted(voronoi.fine, 2), Registry()
+    system, registry = shifted(voronoi.fine, 3), Registry()
     target = f"{__name__}:OneForEachPart"
     given = [Component("transfer", "ones", target)]
     registry.register(SimpleNamespace(agglo_components=hookimpl(lambda: given)), "mine")
@@ -152,7 +152,7 @@ def test_parts_of_others_by_name_object_and_function(voronoi: Hierarchy) -> None
         for each in ("ones", "mine/ones", own, own.prolongation)
     ]
     for stack in stacks:
-        assert [level.A.shape[0] for level in stack.levels] == [600, 60, 12]
+        assert [level.A.shape[0] for level in stack.levels] == [900, 60, 12]
         assert abs(stack.levels[1].A - stacks[0].levels[1].A).max() == 0.0
     with pytest.raises(OptionError, match="one of injection, smoothed, aggregation, ones; given 'twos'"):
         Composition("twos", registry=registry)

@@ -54,8 +54,8 @@ def test_after_is_the_mirror_image_of_before(name: str, parts: str, steps: int) 
 
 @pytest.mark.parametrize("name", SMOOTHERS)
 def test_in_single_precision_they_do_the_same(name: str) -> None:
-    level = level_of(mesh_matrix(50, 2), np.arange(0, 101, 2), 2)
-    b, x = np.random.default_rng(20261122).standard_normal((2, 100))
+    level = level_of(mesh_matrix(50, 3), np.arange(0, 151, 3), 2)
+    b, x = np.random.default_rng(20261122).standard_normal((2, 150))
     single, double = (smoother_setup(name)(level, dtype) for dtype in (np.float32, np.float64))
     made, wanted = single.before(b.astype(np.float32)), double.before(b)
     for one, other in zip(made, wanted, strict=True):

@@ -46,7 +46,7 @@ def slow_sweep(A: Array, b: Array, x: Array, groups: list[Array]) -> Array:
 
 
 @pytest.mark.parametrize("overlap", [True, False])
-@pytest.mark.parametrize("width", [1, 3, 6])
+@pytest.mark.parametrize("width", [1, 3])
 def test_sweeps_are_those_of_the_slow_twin(width: int, overlap: bool) -> None:
     A, patches = block_laplacian(width)
     if not overlap:
@@ -73,7 +73,7 @@ def test_single_precision_is_close_to_double() -> None:
 
 @pytest.mark.parametrize("kind", [VertexPatches, AdditivePatches])
 def test_after_mirrors_before(kind: type) -> None:
-    A, patches = block_laplacian(2, cells=15)
+    A, patches = block_laplacian(3, cells=15)
     smoother, n = kind(A, patches), A.shape[0]
     B = np.stack([smoother.before(e)[0] for e in np.eye(n)], axis=1)
     C = np.stack([smoother.after(e, np.zeros(n)) for e in np.eye(n)], axis=1)
@@ -81,8 +81,8 @@ def test_after_mirrors_before(kind: type) -> None:
 
 
 def test_the_additive_step_is_a_damped_weighted_sum() -> None:
-    A, patches = block_laplacian(2, cells=15)
-    dense, groups = A.toarray(), unknowns(patches, 2)
+    A, patches = block_laplacian(3, cells=15)
+    dense, groups = A.toarray(), unknowns(patches, 3)
     weights = np.bincount(np.concatenate(groups)) ** -0.5
     M = np.zeros_like(dense)
     for u in groups:
@@ -143,8 +143,8 @@ def level(A: sparse.bsr_array, patches: Patches | None, offsets: Array | None = 
 
 
 def test_the_component_sweeps_forth_and_back() -> None:
-    A, patches = block_laplacian(2)
-    groups, dense = unknowns(patches, 2), A.toarray()
+    A, patches = block_laplacian(3)
+    groups, dense = unknowns(patches, 3), A.toarray()
     b = np.ones(len(dense))
     expected = np.zeros(len(b))
     for _ in range(2):
@@ -153,11 +153,11 @@ def test_the_component_sweeps_forth_and_back() -> None:
 
 
 def test_what_cannot_be_smoothed_is_refused() -> None:
-    A, patches = block_laplacian(2, cells=15)
+    A, patches = block_laplacian(3, cells=15)
     with pytest.raises(OptionError, match=r"requires the patches of the level.*level\.patches"):
         PatchSmoother().setup(level(A, None))
-    with pytest.raises(OptionError, match="equal numbers of unknowns; given 1 to 29"):
-        PatchSmoother().setup(level(A, patches, np.array([0, 1, 30])))
+    with pytest.raises(OptionError, match="equal numbers of unknowns; given 1 to 44"):
+        PatchSmoother().setup(level(A, patches, np.array([0, 1, 45])))
     with pytest.raises(OptionError, match="part 14 of 15 is in no patch"):
         VertexPatches(A, Patches(np.array([0, 14]), np.arange(14)))
     with pytest.raises(OptionError, match="patches contain part 15, but the matrix has only 15 blocks"):

@@ -60,7 +60,7 @@ def test_the_largest_eigenvalue_is_found_from_below() -> None:
         largest_eigenvalue(-A, lambda r: r)
 
 
-@pytest.mark.parametrize("width", [1, 2, 6])
+@pytest.mark.parametrize("width", [1, 3])
 def test_scaled_blocks_are_identities_and_solve_the_same_system(width: int) -> None:
     A = chain(width, 9)
     dense = A.toarray()
@@ -76,12 +76,12 @@ def test_scaled_blocks_are_identities_and_solve_the_same_system(width: int) -> N
 
 
 def test_scaled_matrices_need_no_second_scaling() -> None:
-    A, P = block_scaled(chain(2, 12)).A, injection(2, 12)
+    A, P = block_scaled(chain(3, 12)).A, injection(3, 12)
     once = smoothed_prolongation(A, P, scaled=True).toarray()
     assert np.allclose(once, smoothed_prolongation(A, P).toarray(), rtol=1e-6, atol=1e-8)
 
 
 def test_a_block_that_is_not_positive_definite_is_named() -> None:
-    A = sparse.diags_array([1.0, 1.0, 0.0, 1.0]).tobsr((2, 2))
+    A = sparse.diags_array([1.0, 1.0, 1.0, 1.0, 0.0, 1.0]).tobsr((3, 3))
     with pytest.raises(np.linalg.LinAlgError, match="block of part 1"):
         block_scaled(A)

@@ -64,13 +64,13 @@ def test_galerkin_products_of_blocks_and_of_rows_agree(width: int) -> None:
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("smoother", SMOOTHERS)
 def test_cycles_of_three_levels_precondition_conjugate_gradients(smoother: str, dtype: type) -> None:
-    A, b = mesh_matrix(400, 2), np.random.default_rng(20261122).standard_normal(800)
-    P = [injection(np.arange(400) // 4, 2), injection(np.arange(100) // 5, 2)]
-    stack = build_stack(A, np.arange(0, 801, 2), P, smoother, dtype=dtype)
-    assert [level.A.shape[0] for level in stack.levels] == [800, 200, 40]
+    A, b = mesh_matrix(400, 3), np.random.default_rng(20261122).standard_normal(1200)
+    P = [injection(np.arange(400) // 4, 3), injection(np.arange(100) // 5, 3)]
+    stack = build_stack(A, np.arange(0, 1201, 3), P, smoother, dtype=dtype)
+    assert [level.A.shape[0] for level in stack.levels] == [1200, 300, 60]
     assert {level.A.dtype for level in stack.levels} == {np.dtype(dtype)}
     M = cycle(stack)
-    u, v = np.random.default_rng(20261122).standard_normal((2, 800))
+    u, v = np.random.default_rng(20261122).standard_normal((2, 1200))
     assert u @ (M @ v) == pytest.approx(v @ (M @ u), rel=1e-9 if dtype is np.float64 else 1e-2, abs=1e-2)
     counts = []
     for preconditioner in (None, M):
@@ -178,12 +178,12 @@ def test_coarse_matrices_that_cannot_be_solved_are_refused() -> None:
 @pytest.mark.parametrize("coarse", [*COARSE_SOLVERS, direct_solver])
 @pytest.mark.parametrize("smoother", [*SMOOTHERS, Halved()])
 def test_stacks_and_cycles_can_be_pickled(smoother: Any, coarse: Any) -> None:
-    A, b = mesh_matrix(60, 2), np.arange(120.0) - 50.0
-    stack = build_stack(A, np.arange(0, 121, 2), [injection(np.arange(60) // 4, 2)], smoother, coarse)
+    A, b = mesh_matrix(60, 3), np.arange(180.0) - 50.0
+    stack = build_stack(A, np.arange(0, 181, 3), [injection(np.arange(60) // 4, 3)], smoother, coarse)
     x = cycle(stack) @ b
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(cycle(stack, "V"))) @ b, x)
     np.testing.assert_array_equal(cycle(pickle.loads(pickle.dumps(stack))) @ b, x)
-    scaled = replace(stack, scaling=sparse.diags_array(np.full(120, 2.0)).tobsr((2, 2)))
+    scaled = replace(stack, scaling=sparse.diags_array(np.full(180, 2.0)).tobsr((3, 3)))
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(cycle(scaled, "W"))) @ b, cycle(scaled, "W") @ b)
 
 

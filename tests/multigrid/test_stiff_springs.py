@@ -54,7 +54,7 @@ def sprung(kind: str, stiffness: float, jump: float) -> tuple[sparse.csr_array, 
 
 
 @pytest.mark.parametrize("jump", [0.0, 0.5])
-@pytest.mark.parametrize("stiffness", [1e4, 1e6, 1e8, 1e10, 1e12, 1e14, 1e16])
+@pytest.mark.parametrize("stiffness", [1e4, 1e8, 1e11, 1e14])
 @pytest.mark.parametrize("kind", GROUPS)
 def test_what_is_called_converged_is_right(kind: str, stiffness: float, jump: float) -> None:
     A, b, exact = sprung(kind, stiffness, jump)
