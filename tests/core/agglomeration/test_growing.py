@@ -69,7 +69,7 @@ MESHES: dict[str, Callable[[int, int], Mesh]] = {
 }
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.sampled_from(sorted(MESHES)), st.integers(0, 200), SEEDS, st.data())
 def test_both_ways_agree_on_meshes(kind: str, n: int, seed: int, data: st.DataObject) -> None:
     mesh = MESHES[kind](n, seed)
@@ -102,7 +102,7 @@ def random_graph(n: int, dim: int, seed: int) -> Graph:
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(1, 90), st.sampled_from([2, 3]), SEEDS, st.data())
 def test_both_ways_agree_on_any_graph(n: int, dim: int, seed: int, data: st.DataObject) -> None:
     graph = random_graph(n, dim, seed)
@@ -270,7 +270,7 @@ def slow_mend(network: nx.Graph, measures, labels):
     return parts
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(2, 60), st.integers(2, 4), SEEDS)
 def test_blocks_are_mended_as_an_obvious_reference_does(n: int, parts: int, seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -25,7 +25,7 @@ class Scatter:
         return np.random.default_rng(seed).integers(0, used, graph.n) * (target.parts // used)
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(st.sampled_from(MESHES), st.integers(2, 50), st.floats(0.01, 1), st.integers(0, 100), st.booleans())
 def test_any_partition_becomes_an_exact_connected_one(mesh, parts, share, seed, nested):
     result = agglo.agglomerate(

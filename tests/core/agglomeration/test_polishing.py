@@ -49,7 +49,7 @@ def test_a_refiner_of_finished_levels_is_not_believed() -> None:
     np.testing.assert_array_equal(polished, agglomerate(mesh, n_parts=20, polish=False).levels[0])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**6))
 def test_parts_stay_whole_connected_and_small(seed: int) -> None:
     rng = np.random.default_rng(seed)

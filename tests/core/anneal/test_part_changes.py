@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings, strategies as st
 
 from agglo_core import Graph, agglomerate, samples
 from agglo_core.anneal.annealed_parts import Weights, too_wide
@@ -12,8 +11,6 @@ from agglo_core.anneal.start_parts import cut_in_two, dissolve_part, dissolve_pa
 from agglo_core.arrays import frozen_int
 from agglo_core.progress import TimeLimit
 from agglo_core.threads import using_threads
-
-SEEDS = st.integers(0, 2**63)
 
 
 def test_parts_are_cut_across_their_principal_axis() -> None:
@@ -60,16 +57,14 @@ def test_parts_dissolve_together_into_others_of_their_share() -> None:
     assert nowhere.tolist() == [[0] * 4, [1] * 4, [2] * 4, [2] * 4]
 
 
-@settings(max_examples=20)
-@given(SEEDS)
-def test_dissolving_together_is_dissolving_one_by_one_where_parts_are_apart(seed: int) -> None:
+def test_dissolving_together_is_dissolving_one_by_one_where_parts_are_apart() -> None:
     graph = samples.voronoi(50, seed=2).graph
-    labels = agglomerate(samples.voronoi(50, seed=2), n_parts=10).levels[0]
-    part = seed % 10
-    after = dissolve_parts(graph, labels, np.arange(10) == part, frozen_int(np.zeros(10)))
-    np.testing.assert_array_equal(
-        np.unique(after, return_inverse=True)[1], dissolve_part(graph, labels, part)
-    )
+    labels = agglomerate(graph, n_parts=10).levels[0]
+    for part in range(10):
+        after = dissolve_parts(graph, labels, np.arange(10) == part, frozen_int(np.zeros(10)))
+        np.testing.assert_array_equal(
+            np.unique(after, return_inverse=True)[1], dissolve_part(graph, labels, part)
+        )
 
 
 def test_on_large_meshes_parts_are_dissolved_in_many_places() -> None:
@@ -93,7 +88,7 @@ def test_parts_of_large_meshes_do_not_depend_on_the_number_of_threads() -> None:
     mesh, found = samples.random_triangles(2000, seed=2), []
     for threads in (1, 2):
         with using_threads(threads):
-            options = {"effort": "good", "objective": "roundness"}
+            options = {"effort": "fast", "objective": "roundness"}
             run = agglomerate(mesh, bisector=("kmeans", options), method="kway", h_star=0.1)
             found.append(run.levels[0])
     np.testing.assert_array_equal(found[0], found[1])
