@@ -43,7 +43,7 @@ def nested(draw: st.DrawFn) -> Hierarchy:
     return hierarchy_of(mesh, *levels)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(nested())
 def test_parents_prolongations_and_overlaps_agree(hierarchy: Hierarchy) -> None:
     measures = hierarchy.graph.measures
@@ -68,7 +68,7 @@ def test_parents_prolongations_and_overlaps_agree(hierarchy: Hierarchy) -> None:
         np.testing.assert_allclose(overlap.toarray(), wanted)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(nested())
 def test_meshes_of_the_levels(hierarchy: Hierarchy) -> None:
     for level, k in enumerate(hierarchy.parts):
@@ -165,7 +165,7 @@ def test_the_fingerprint_is_that_of_the_mesh() -> None:
     assert hierarchy_of(mesh, np.zeros(9, int)).fingerprint == mesh.fingerprint
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.lists(st.integers(0, 7), min_size=1, max_size=30))
 def test_labels_are_numbered_by_their_first_cell(labels: list[int]) -> None:
     seen: dict[int, int] = {}

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from scipy.optimize import linprog
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, cKDTree
 from solid_parts import MESHES, outer_faces, planes, prism, ragged, turned
 
 from agglo_core import samples
@@ -26,58 +26,59 @@ def radii(mesh: Mesh, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 # -- slow references ----------------------------------------------------------------------------
 
 
-def _to_segment(p: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    t = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
-    return np.linalg.norm(p - a - t[:, None] * (b - a), axis=1)
+def _triangles(faces: list[np.ndarray]) -> np.ndarray:
+    """Return the triangles ``(t, 3, 3)`` of flat, convex polygons."""
+    return np.array([corners[[0, i, i + 1]] for corners in faces for i in range(1, len(corners) - 1)])
 
 
-def _to_polygon(p: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Distances of points from a flat, convex polygon."""
-    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-    normal = normal / np.linalg.norm(normal)
-    ends = np.roll(corners, -1, axis=0)
-    sides = [((p - a) @ np.cross(normal, b - a)) >= 0 for a, b in zip(corners, ends, strict=True)]
-    rims = [_to_segment(p, a, b) for a, b in zip(corners, ends, strict=True)]
-    return np.where(np.all(sides, axis=0), np.abs((p - corners[0]) @ normal), np.min(rims, axis=0))
+def heights(p: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return distances of points ``(n, 3)`` from a closed surface, negative outside.
 
-
-def _solid_angle(p: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Signed solid angles of a polygon, by triangles (Van Oosterom and Strackee 1983)."""
-    total = np.zeros(len(p))
-    a = corners[0] - p
-    for i in range(1, len(corners) - 1):
-        b, c = corners[i] - p, corners[i + 1] - p
-        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-        dots = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
-        total += 2 * np.arctan2((a * np.cross(b, c)).sum(1), dots)
-    return total
-
-
-def heights(p: np.ndarray, faces: list[np.ndarray]) -> np.ndarray:
-    """Distances of points from a surface, negative outside."""
-    distance = np.min([_to_polygon(p, corners) for corners in faces], axis=0)
-    winding = sum(_solid_angle(p, corners) for corners in faces)
+    A point is inside if the triangles fill more than half of the sphere around it (solid angles by Van
+    Oosterom and Strackee 1983).
+    """
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    arms = [triangles[:, i] - p[:, None] for i in range(3)]
+    above, nearest = np.ones(arms[0].shape[:2], bool), np.full(arms[0].shape[:2], np.inf)
+    for i in range(3):
+        edge = triangles[:, (i + 1) % 3] - triangles[:, i]
+        above &= np.einsum("ptx,tx->pt", arms[i], np.cross(normals, edge)) <= 0
+        along = -np.einsum("ptx,tx->pt", arms[i], edge) / np.einsum("tx,tx->t", edge, edge)
+        to_edge = arms[i] + np.clip(along, 0, 1)[..., None] * edge
+        np.minimum(nearest, np.einsum("ptx,ptx->pt", to_edge, to_edge), out=nearest)
+    flat = np.abs(np.einsum("ptx,tx->pt", arms[0], normals))
+    distance = np.where(above, flat, np.sqrt(nearest)).min(axis=1)
+    a, b, c = arms
+    la, lb, lc = (np.sqrt(np.einsum("ptx,ptx->pt", v, v)) for v in arms)
+    dots = la * lb * lc + sum(
+        np.einsum("ptx,ptx->pt", u, v) * w for u, v, w in ((a, b, lc), (b, c, la), (c, a, lb))
+    )
+    winding = 2 * np.arctan2(np.einsum("ptx,ptx->pt", a, np.cross(b, c)), dots).sum(axis=1)
     return np.where(np.abs(winding) > 2 * np.pi, distance, -distance)
 
 
 def sampled_radius(faces: list[np.ndarray], seed: int, starts: int = 12) -> float:
-    """The largest height of many points, and of ever nearer ones around the best of them."""
-    rng = np.random.default_rng(seed)
+    """Return the largest height of random points, refined around the highest local maxima among them."""
+    rng, triangles = np.random.default_rng(seed), _triangles(faces)
     corners = np.concatenate(faces)
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
-    points = low + rng.random((160 * starts, 3)) * size
-    found = heights(points, faces)
-    best = np.argsort(found)[-starts:]
+    points = low + rng.random((80 * starts, 3)) * size
+    found = heights(points, triangles)
+    summits = np.flatnonzero(found >= found[cKDTree(points).query(points, 9)[1]].max(axis=1))
+    best = summits[np.argsort(found[summits])[-starts:]]
     points, found, reach = points[best], found[best], 0.15 * size.max()
-    while reach > 1e-5 * size.max():
+    while reach > 1e-4 * size.max():
         around = points[:, None] + reach * rng.normal(size=(len(points), 24, 3))
         around = np.concatenate((points[:, None], around), axis=1)
-        every = heights(around.reshape(-1, 3), faces).reshape(len(points), -1)
+        every = heights(around.reshape(-1, 3), triangles).reshape(len(points), -1)
         chosen = every.argmax(axis=1)
         moved = chosen > 0
         points, found = around[np.arange(len(points)), chosen], every.max(axis=1)
         if moved.mean() < 0.3:
             reach *= 0.6
+            higher = found > found.max() - 4 * reach  # distances change by 1 per length
+            points, found = points[higher], found[higher]
     return found.max()
 
 
@@ -171,18 +172,18 @@ def _check_balls(mesh: Mesh, labels: np.ndarray, parts: range) -> None:
     for part in parts:
         faces = outer_faces(mesh, labels, part)
         sampled = sampled_radius(faces, seed=part)
-        for starts in (80, 1500):  # few samples may meet a lesser summit, if ours is one
-            if sampled < largest[part] * (1 - 1e-3):
-                sampled = sampled_radius(faces, seed=part, starts=starts)
+        if sampled < largest[part] * (1 - 1e-3):  # few samples may meet a lesser summit, if ours is one
+            sampled = sampled_radius(faces, seed=part, starts=100)
         assert largest[part] == pytest.approx(sampled, rel=1e-3), part
-        assert centred[part] == pytest.approx(max(heights(centroids[part][None], faces)[0], 0.0), abs=1e-9)
+        height = heights(centroids[part][None], _triangles(faces))[0]
+        assert centred[part] == pytest.approx(max(height, 0.0), abs=1e-9)
 
 
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("swaps", [0.0, 0.05])
 def test_agree_with_dense_sampling(name: str, swaps: float) -> None:
     mesh = MESHES[name]()
-    _check_balls(mesh, ragged(mesh, 90, seed=3, swaps=swaps), range(2))
+    _check_balls(mesh, ragged(mesh, 90, seed=3, swaps=swaps), range(1))
 
 
 @pytest.mark.slow
@@ -191,10 +192,10 @@ def test_agree_with_dense_sampling_on_many(name: str) -> None:
     mesh = MESHES[name]()
     for seed, swaps in ((5, 0.0), (6, 0.05)):
         labels = ragged(mesh, 45, seed=seed, swaps=swaps)
-        _check_balls(mesh, labels, range(min(labels.max() + 1, 12)))
+        _check_balls(mesh, labels, range(min(labels.max() + 1, 5)))
 
 
-@pytest.mark.parametrize("mesh", [samples.voronoi3d(120, seed=5), samples.random_tetrahedra(60, seed=6)])
+@pytest.mark.parametrize("mesh", [samples.voronoi3d(40, seed=5), samples.random_tetrahedra(20, seed=6)])
 def test_convex_cells_agree_with_linear_programs(mesh: Mesh) -> None:
     labels = np.arange(mesh.n_cells)
     largest, _ = radii(mesh, labels)

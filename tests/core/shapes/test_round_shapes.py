@@ -145,7 +145,7 @@ def test_cells_agree_with_triangulations_of_shapely() -> None:
     np.testing.assert_allclose(mesh.cell_inertias, slow_inertias(triangles, labels)[1], rtol=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.lists(st.floats(0.2, 2.0), min_size=3, max_size=20), st.floats(1.0, 20.0))
 def test_no_polygon_is_rounder_than_a_disc_and_stretching_a_disc_makes_it_worse(
     radii: list[float], stretch: float

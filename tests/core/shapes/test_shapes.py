@@ -218,7 +218,7 @@ def _star(radii: np.ndarray) -> np.ndarray:
     return np.stack((radii * np.cos(t), radii * np.sin(t)), axis=1)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(0.3, 2.0), min_size=4, max_size=24))
 def test_kernels_of_star_polygons_agree_with_half_planes(radii: list[float]) -> None:
     polygon = _star(np.array(radii))
@@ -241,7 +241,7 @@ def test_box_of_an_acute_triangle_lies_on_its_longest_side() -> None:
         assert values["box_ratio"] == pytest.approx(168 / 15 / 15)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(length=st.floats(1.0, 9.0), dents=st.lists(st.floats(0.1, 0.9), max_size=5), angle=st.floats(0.0, 6.3))
 def test_box_of_a_dented_rectangle_is_the_rotated_rectangle_of_shapely(length, dents, angle: float) -> None:
     places = np.linspace(0.0, length, len(dents) + 2)[1:-1]
@@ -254,7 +254,7 @@ def test_box_of_a_dented_rectangle_is_the_rotated_rectangle_of_shapely(length, d
 # -- invariance ---------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     radii=st.lists(st.integers(2, 9), min_size=4, max_size=16),
     angle=st.floats(0.0, 6.3),

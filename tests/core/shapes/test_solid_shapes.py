@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 from solid_parts import MESHES, area_vector, outer_faces, planes, prism, ragged, turned
 
 from agglo_core import samples
+from agglo_core.arrays import frozen_float, frozen_index, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 from agglo_core.shapes.round_shapes import IsoperimetricQuotient
@@ -169,7 +170,7 @@ def _check_shapes(mesh: Mesh, labels: np.ndarray, parts: range) -> None:
 @pytest.mark.parametrize("swaps", [0.0, 0.05])
 def test_agree_with_slow_references(name: str, swaps: float) -> None:
     mesh = MESHES[name]()
-    _check_shapes(mesh, ragged(mesh, 40, seed=3, swaps=swaps), range(8))
+    _check_shapes(mesh, ragged(mesh, 40, seed=3, swaps=swaps), range(3))
 
 
 @pytest.mark.slow
@@ -178,21 +179,28 @@ def test_agree_with_slow_references_on_many(name: str) -> None:
     mesh = MESHES[name]()
     for seed, swaps in ((5, 0.0), (6, 0.05)):
         labels = ragged(mesh, 45, seed=seed, swaps=swaps)
-        _check_shapes(mesh, labels, range(min(labels.max() + 1, 38)))
+        _check_shapes(mesh, labels, range(min(labels.max() + 1, 12)))
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_hulls_agree_with_scipy_and_boxes_with_slow_loops(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    clouds = [rng.normal(size=(n, 3)) for n in rng.integers(4, 60, 30)]
-    for n in rng.integers(9, 60, 30):  # grids: many points in planes and on lines
+def _of_clouds(
+    points: np.ndarray, offsets: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]:
+    """Return volumes and box ratios of clouds, and their hulls; arrays have the types of the metrics."""
+    points, offsets = frozen_float(points), frozen_int(offsets)
+    volumes, ends, triangles, beside = solid_hulls(points, offsets, frozen_index(np.arange(len(points))))
+    hulls = frozen_int(ends), frozen_index(triangles), frozen_index(beside)
+    return volumes, solid_box_ratios(points, *hulls), hulls
+
+
+def test_hulls_agree_with_scipy_and_boxes_with_slow_loops() -> None:
+    rng = np.random.default_rng(0)
+    clouds = [rng.normal(size=(n, 3)) for n in rng.integers(4, 60, 12)]
+    for n in rng.integers(9, 60, 12):  # grids: many points in planes and on lines
         grid = np.unique(rng.integers(0, 4, size=(n, 3)).astype(float), axis=0)
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         clouds += [grid, 1e-3 * grid @ turn + 1.0]
     offsets = np.cumsum([0, *map(len, clouds)])
-    points = np.concatenate(clouds)
-    volumes, ends, triangles, beside = solid_hulls(points, offsets, np.arange(len(points), dtype=np.int32))
-    ratios = solid_box_ratios(points, ends, triangles, beside)
+    volumes, ratios, (ends, triangles, beside) = _of_clouds(np.concatenate(clouds), offsets)
     for c, cloud in enumerate(clouds):
         assert volumes[c] == pytest.approx(ConvexHull(cloud).volume, rel=1e-9)
         assert ratios[c] == pytest.approx(slow_box_ratio(cloud), rel=1e-6)
@@ -207,10 +215,9 @@ def test_hulls_agree_with_scipy_and_boxes_with_slow_loops(seed: int) -> None:
 def test_thin_and_distant_hulls_keep_their_digits() -> None:
     cube = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
     for scale in ((1e3, 1, 1e-3), (1, 1, 1e-6), (1, 1e-5, 1e-5)):
-        cloud = cube * scale
-        found = solid_hulls(cloud, np.array([0, 8]), np.arange(8, dtype=np.int32))
-        assert found[0][0] == pytest.approx(np.prod(scale), rel=1e-9)
-        assert solid_box_ratios(cloud, *found[1:])[0] == pytest.approx(min(scale) / max(scale), rel=1e-6)
+        volumes, ratios, _ = _of_clouds(cube * scale, np.array([0, 8]))
+        assert volumes[0] == pytest.approx(np.prod(scale), rel=1e-9)
+        assert ratios[0] == pytest.approx(min(scale) / max(scale), rel=1e-6)
 
 
 # -- triangles of faces -------------------------------------------------------------------------
@@ -242,7 +249,9 @@ def test_triangles_tile_a_face(corners: list[tuple[float, ...]], shift: int) -> 
     points = np.roll(np.array(corners, float), shift, axis=0)
     n = len(points)
     vector = sum(np.cross(points[i], points[(i + 1) % n]) for i in range(n)) / 2
-    starts, triangles = face_triangles(points, np.array([0, n]), np.arange(n), vector[None])
+    starts, triangles = face_triangles(
+        frozen_float(points), frozen_int([0, n]), frozen_int(np.arange(n)), frozen_float(vector[None])
+    )
     assert starts.tolist() == [0, n - 2]
     a, b, c = points[triangles].transpose(1, 0, 2)
     areas = np.cross(b - a, c - a)[:, 2] / 2
