@@ -22,7 +22,6 @@ HEAVY = (
     "shapely",
     "matplotlib",
     "meshlane",
-    "h5py",
     "pyamg",
 )
 DECLARATIONS = sorted(
@@ -30,70 +29,66 @@ DECLARATIONS = sorted(
 )
 
 
-def loaded_by(source: str) -> list[str]:
-    """Heavy packages in sys.modules of a fresh interpreter after it ran ``source``."""
-    report = f"\nimport json, sys; print(json.dumps([m for m in {HEAVY} if m in sys.modules]))"
-    answer = subprocess.run(
-        [sys.executable, "-c", source + report], capture_output=True, text=True, check=True
-    )
-    heavy: list[str] = json.loads(answer.stdout.splitlines()[-1])
+PACKAGE = [
+    "import agglo_core",
+    "from agglo_core import Command, Component, PluginError, Registry, hookimpl, plugins",
+    "import agglo_core; agglo_core.__version__; agglo_core.registry.default().list()",
+    *(f"import {module} as m; getattr(m, 'agglo_components', list)()" for module in DECLARATIONS),
+]
+HELP = [["--help"], ["run", "--help"], ["--version"], ["solve", "--help"], []]
+LISTINGS = [["plugins"], ["plugins", "-v"], ["plugins", "--json"]]
+
+PROGRAM = f"""
+import json, sys
+from contextlib import redirect_stdout
+loaded = {{}}
+
+def note(title):
+    loaded[title] = [name for name in {(*HEAVY, "rich")} if name in sys.modules]
+
+for source in {PACKAGE}:
+    exec(source, {{}})
+    note(source)
+from agglo_core.cli import main
+for arguments in {[*HELP, *LISTINGS, ["formats"]]}:
+    with redirect_stdout(sys.stderr):
+        try:
+            main(arguments)
+        except SystemExit as done:
+            assert done.code == 0, (arguments, done.code)
+    note(" ".join(arguments))
+print(json.dumps(loaded))
+"""
+"""Import and call one after the other; a package that is loaded is also reported for all that follow."""
+
+
+@pytest.fixture(scope="module")
+def loaded() -> dict[str, list[str]]:
+    """Return the heavy packages in ``sys.modules`` of a fresh interpreter after each import and call."""
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True)
+    heavy: dict[str, list[str]] = json.loads(done.stdout)
     return heavy
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        [],
-        ["--help"],
-        ["--version"],
-        ["plugins"],
-        ["plugins", "-v"],
-        ["plugins", "--json"],
-        ["run", "--help"],
-        ["solve", "--help"],
-    ],
-)
-def test_the_command_line_starts_light(arguments: list[str]) -> None:
-    source = f"""
-from agglo_core.cli import main
-try:
-    main({arguments})
-except SystemExit as done:
-    assert done.code == 0, done.code
-"""
-    assert loaded_by(source) == []
+@pytest.mark.parametrize("source", PACKAGE)
+def test_the_package_and_its_declarations_are_lazy(source: str, loaded: dict[str, list[str]]) -> None:
+    assert loaded[source] == []
 
 
-def test_the_list_of_formats_loads_no_optional_package() -> None:
-    source = 'from agglo_core.cli.app import app; app.main(["formats"], standalone_mode=False)'
-    assert set(loaded_by(source)) <= {"numpy", "scipy"}
+@pytest.mark.parametrize("arguments", HELP, ids=" ".join)
+def test_help_loads_neither_heavy_packages_nor_rich(
+    arguments: list[str], loaded: dict[str, list[str]]
+) -> None:
+    assert loaded[" ".join(arguments)] == []
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["--version"]])
-def test_help_does_not_load_rich(arguments: list[str]) -> None:
-    source = f"from agglo_core.cli.app import app; app.main({arguments}, standalone_mode=False)"
-    answer = subprocess.run(
-        [sys.executable, "-c", f"{source}; import sys; print('rich' in sys.modules)"],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert answer.stdout.splitlines()[-1] == "False"
+@pytest.mark.parametrize("arguments", LISTINGS, ids=" ".join)
+def test_listings_start_light(arguments: list[str], loaded: dict[str, list[str]]) -> None:
+    assert set(loaded[" ".join(arguments)]) <= {"rich"}
 
 
-@pytest.mark.parametrize(
-    "source",
-    [
-        "import agglo_core",
-        "from agglo_core import Command, Component, PluginError, Registry, hookimpl, plugins",
-        "import agglo_core; agglo_core.__version__; agglo_core.registry.default().list()",
-    ],
-)
-def test_the_package_is_lazy(source: str) -> None:
-    assert loaded_by(source) == []
-
-
-@pytest.mark.parametrize("module", DECLARATIONS)
-def test_declarations_are_light(module: str) -> None:
-    assert loaded_by(f"import {module} as m; getattr(m, 'agglo_components', list)()") == []
+def test_the_list_of_formats_loads_no_optional_package(loaded: dict[str, list[str]]) -> None:
+    assert set(loaded["formats"]) <= {"numpy", "rich", "scipy"}
 
 
 @pytest.mark.parametrize("name", agglo_core.__all__)
