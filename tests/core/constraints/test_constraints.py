@@ -86,7 +86,7 @@ def test_no_part_crosses_in_any_mode(sample, mode):
     assert hierarchy.parts[-1] == 2
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.data())
 def test_random_regions(data):
     mesh = data.draw(st.sampled_from([samples.voronoi(50, 1), samples.disconnected(4), samples.boxes(3)]))

@@ -89,7 +89,7 @@ def same(a: Graph, b: Graph) -> None:
 # --- from a mesh ----------------------------------------------------------------------------------------
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(meshes())
 def test_the_dual_graph_is_what_a_loop_over_the_faces_gives(mesh: Mesh) -> None:
     graph = mesh.graph
@@ -126,7 +126,7 @@ def test_several_faces_with_one_neighbour_are_one_edge() -> None:
 # --- components ----------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(labelled())
 def test_components_are_those_of_networkx(case: tuple[Mesh, np.ndarray]) -> None:
     mesh, labels = case
@@ -151,7 +151,7 @@ def test_components_of_labels_that_do_not_fit(labels: list[int]) -> None:
 # --- diameters -----------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(labelled())
 def test_diameters_are_exact(case: tuple[Mesh, np.ndarray]) -> None:
     mesh, labels = case
@@ -188,7 +188,7 @@ def test_diameters_of_point_clouds(d: int, shape: str) -> None:
 # --- blocks --------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(labelled())
 def test_splitting_gives_the_parts_as_blocks(case: tuple[Mesh, np.ndarray]) -> None:
     mesh, labels = case
@@ -211,7 +211,7 @@ def test_splitting_gives_the_parts_as_blocks(case: tuple[Mesh, np.ndarray]) -> N
             np.testing.assert_array_equal(block.data[name], values[nodes])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(labelled(), st.randoms(use_true_random=False))
 def test_taking_blocks_is_taking_them_one_by_one(case: tuple[Mesh, np.ndarray], random: object) -> None:
     mesh, labels = case
@@ -264,7 +264,7 @@ def test_a_permuted_graph() -> None:
 # --- quotients -----------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(labelled())
 def test_the_graph_of_the_coarse_mesh_is_the_coarse_graph(case: tuple[Mesh, np.ndarray]) -> None:
     mesh, labels = case
@@ -320,7 +320,7 @@ def test_a_graph_from_a_matrix_and_centroids() -> None:
 # --- from sparse matrices --------------------------------------------------------------------------------
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.integers(1, 9),
     st.integers(0, 10**6),

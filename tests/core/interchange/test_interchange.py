@@ -66,7 +66,7 @@ def test_samples_survive_shapely(name: str) -> None:
 
 
 @given(n=st.integers(3, 8), k=st.integers(1, 20), triangles=st.booleans(), seed=st.integers(0, 10**6))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_any_partition_survives_shapely(n: int, k: int, triangles: bool, seed: int) -> None:
     """Random labels give holes, islands in holes, pinches and disconnected agglomerates."""
     fine = samples.triangles(n) if triangles else samples.squares(n)
@@ -155,7 +155,7 @@ def test_edges_that_overlap_in_part_are_split_on_both_sides() -> None:
 
 
 @given(seed=st.integers(0, 10**6), angle=st.floats(0, 6.3), shift=st.sampled_from([0.0, 1e3, 1e6]))
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_random_tilings_in_any_position_fit_together(seed: int, angle: float, shift: float) -> None:
     """Guillotine cuts: T-junctions everywhere, rounded by a rotation and a shift."""
     rng = np.random.default_rng(seed)

@@ -94,7 +94,7 @@ def test_several_cavities_and_separate_lumps() -> None:
         assert mesh.cell_measures == pytest.approx([729 - 1 - 1 - 8 + 26])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 6), st.sampled_from(["boxes", "tetrahedra", "Voronoi"]))
 def test_scattered_parts_wound_at_random(seed: int, parts: int, kind: str) -> None:
     """Lumps, cavities, and shells that touch along edges and at vertices."""

@@ -221,7 +221,7 @@ def unions(draw: st.DrawFn) -> tuple[list[tuple[Any, Any]], float]:
 
 
 @given(unions(), st.sampled_from([(0.0, 1.0), (1e5, 1.0), (-3.0, 1e-30)]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_any_union_of_blocks(union: tuple[list[tuple[Any, Any]], float], move: tuple[float, float]) -> None:
     (points, cells), (shift, scale) = together(*union[0]), move
     polygons = shapely.polygons(points[cells])  # on a lattice: exact

@@ -142,7 +142,7 @@ def test_samples_are_not_warned_about(name: str, caplog: pytest.LogCaptureFixtur
     assert double_covers(caplog) == []
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     st.lists(
         st.tuples(st.integers(0, 6), st.integers(0, 6), st.integers(1, 3), st.integers(1, 3)),
@@ -164,7 +164,7 @@ def test_boxes_are_covered_twice_where_shapely_says_so(
     assert double_cover._covers_twice(mesh.points, outer) == (excess > 0.1)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.permutations(range(12)))
 def test_loops_are_walked_face_by_face(follower: list[int]) -> None:
     order, starts = double_cover._loops(frozen_int(follower))

@@ -245,7 +245,7 @@ def test_a_hole_that_touches_the_outer_boundary_is_a_loop_of_its_own() -> None:
     assert polygons_of(coarse)[0].area == pytest.approx(7 / 9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(labelled())
 def test_loops_and_measures_agree(case: tuple[Mesh, np.ndarray]) -> None:
     mesh, labels = case
@@ -276,7 +276,7 @@ def perimeters(mesh: Mesh) -> np.ndarray:
 # --- coarsening ---------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(labelled())
 def test_coarsening_keeps_measures_boundary_and_diameters(case: tuple[Mesh, np.ndarray]) -> None:
     mesh, labels = case

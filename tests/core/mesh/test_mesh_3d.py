@@ -127,7 +127,7 @@ def test_every_choice_of_winding_gives_the_same_cube(turned: tuple[bool, ...]) -
     assert mesh.repairs.get("faces turned outward", 0) == sum(turned)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6), st.integers(2, 5))
 def test_winding_of_concave_agglomerates_is_repaired(seed: int, parts: int) -> None:
     """Connected parts of a block of cubes: H shapes, rings, parts that touch themselves along edges."""

@@ -15,7 +15,7 @@ from agglo_core.io.to_mesh.plain_cells import half_faces
 BEND = [[3.0, 0.7, 0.2], [-0.3, 2.0, 0.1], [0.1, 0.3, 1.1]]
 
 
-@pytest.mark.parametrize(("n", "shift"), [(2, 0.0), (2, 10.0), (8, 10.0), (12, 100.0)])
+@pytest.mark.parametrize(("n", "shift"), [(2, 0.0), (2, 10.0), (5, 100.0)])
 def test_in_single_precision(tmp_path: Path, n: int, shift: float) -> None:
     """The points that hang on an edge are rounded away from it. What is written is read back."""
     points, cells = together(bricks(n, 0), bricks(2 * n, 1))
@@ -49,7 +49,7 @@ def warped(points: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
     return moved
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
 def test_warped_faces_of_refined_hexahedra(tmp_path: Path, seed: int, kind: type) -> None:
     """Edges are straight, so tiles have the area vector and the border of the face."""

@@ -12,7 +12,7 @@ from ragged_parts import grown
 
 import agglo_core as agglo
 from agglo_core import Graph, samples
-from agglo_core.arrays import Int
+from agglo_core.arrays import Int, frozen_float, frozen_index, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
@@ -192,7 +192,9 @@ def test_cells_handed_on_again_and_again_fit_the_list_of_moves() -> None:
     weights = np.array([10, *[0.1] * 30, 10, 1e-6, 7])
     labels = np.array([0] * 31 + [1, 1, 2])
     block, mean, room = np.zeros(3, np.int64), np.array([weights.sum() / 3]), np.array([0.01])
-    slow = even_out.py_func(indptr, indices, places, weights, labels, block, mean, room)
-    assert slow.tolist() == even_out(indptr, indices, places, weights, labels, block, mean, room).tolist()
+    graph = frozen_int(indptr), frozen_index(indices), frozen_float(places)
+    parts = frozen_int(labels), frozen_int(block), frozen_float(mean), frozen_float(room)
+    slow = even_out.py_func(*graph, frozen_float(weights), *parts)
+    assert slow.tolist() == even_out(*graph, frozen_float(weights), *parts).tolist()
     sizes = np.bincount(slow, weights)
     assert np.ptp(sizes) < np.ptp(np.bincount(labels, weights))

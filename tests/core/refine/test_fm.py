@@ -12,7 +12,7 @@ from ragged_parts import grown
 
 import agglo_core as agglo
 from agglo_core import Graph, samples
-from agglo_core.arrays import Float, Int
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
@@ -134,13 +134,14 @@ def test_the_kernel_does_what_a_slow_search_does(kind: str, seed: int) -> None:
     least, most = np.minimum(sizes, 12.0), np.maximum(sizes, 24.0)
     rng = np.random.default_rng(seed)  # no two chains of moves gain the same
     both = graph.interface * rng.uniform(0.9, 1.1, len(graph.interface))
-    own = np.ones(graph.n), np.asarray(labels, np.int64), np.zeros(6, np.int64)
-    found = search_all(graph.indptr, graph.indices, both, *own, least, most, 3, 7)
+    own = frozen_float(np.ones(graph.n)), frozen_int(labels), frozen_int(np.zeros(6))
+    bounds = frozen_float(least), frozen_float(most)
+    found = search_all(graph.indptr, graph.indices, frozen_float(both), *own, *bounds, 3, 7)
     np.testing.assert_array_equal(found, slow_search_all(graph, both, labels, least, most, 3, 7))
 
 
 @given(st.sampled_from(sorted(KINDS)), st.integers(0, 10_000), st.sampled_from(("cells", "measure")))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_parts_stay_whole_balanced_and_are_cut_off_shorter(kind: str, seed: int, balance: str) -> None:
     graph = KINDS[kind](seed % 50)
     labels = grown(graph, seed, 6)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -238,17 +239,20 @@ def test_the_registry_is_no_option(registry: Registry) -> None:
         registry.build("refiner", "downhill", registry=registry)
 
 
-def _files() -> list[Path]:
-    return [*(ROOT / "agglo_core").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")]
+@cache
+def _trees() -> dict[Path, ast.Module]:
+    """Parse the files of the core and the plugins."""
+    files = [*(ROOT / "agglo_core").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")]
+    return {file.relative_to(ROOT): ast.parse(file.read_text()) for file in files}
 
 
 def test_every_public_function_with_a_registry_is_asked_here() -> None:
     known = set().union(*GROUPS.values()) | ELSEWHERE | PETSC
     found = set()
-    for file in _files():
+    for file, tree in _trees().items():
         if "cli" in file.parts:
             continue
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in ast.walk(tree):
             bodies = node.body if isinstance(node, ast.ClassDef | ast.Module) else []
             for each in bodies:
                 if isinstance(each, ast.FunctionDef) and "registry" in _parameters(each):
@@ -260,12 +264,13 @@ def test_every_public_function_with_a_registry_is_asked_here() -> None:
 def test_the_default_is_asked_only_where_no_registry_was_given() -> None:
     """``default() if registry is None else registry``, and nowhere else in the core."""
     bare = []
-    for file in (ROOT / "agglo_core").rglob("*.py"):
-        tree = ast.parse(file.read_text())
+    for file, tree in _trees().items():
+        if file.parts[0] != "agglo_core":
+            continue
         chosen = {id(node.body) for node in ast.walk(tree) if isinstance(node, ast.IfExp)}
         calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and id(node) not in chosen]
         if any(isinstance(call.func, ast.Name) and call.func.id == "default" for call in calls):
-            bare.append(file.relative_to(ROOT / "agglo_core").as_posix())
+            bare.append(file.relative_to("agglo_core").as_posix())
     commands = [name for name in bare if name.startswith("cli/")]
     about_our_own = "conformance/engine/reference_pages.py"
     assert set(bare) - set(commands) == {about_our_own}

@@ -109,7 +109,7 @@ def obvious_median(projection, weights):
     return sides
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(2, 40), st.integers(0, 2**32 - 1))
 def test_median_against_an_obvious_reference(n, seed):
     rng = np.random.default_rng(seed)
@@ -118,7 +118,7 @@ def test_median_against_an_obvious_reference(n, seed):
     assert np.array_equal(sides, obvious_median(graph.centroids[:, 0], graph.weights))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(2, 60), st.sampled_from([2, 3]), st.integers(0, 2**32 - 1))
 def test_inertial_follows_the_mesh(n, dim, seed):
     """Renumbering, rotation, shift and scale change nothing but the names of the sides."""
@@ -130,7 +130,7 @@ def test_inertial_follows_the_mesh(n, dim, seed):
     assert same_split(sides_of(InertialBisection(), cloud(moved, weights[order])), sides[order])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(2, 60), st.sampled_from([2, 3]), st.integers(0, 2**32 - 1))
 def test_principal_frames_are_orthonormal_and_ordered(n, dim, seed):
     rng = np.random.default_rng(seed)

@@ -152,7 +152,7 @@ def block_of_points(n: int, dim: int, seed: int, lattice: bool) -> agglo.Graph:
     return agglo.Graph.from_arrays(np.zeros(n + 1, int), [], points, measures=weights, weights=weights)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(2, 400), st.sampled_from([2, 3]), SEEDS, st.booleans())
 def test_a_piece_is_halved_to_the_very_cells_of_a_block(n: int, dim: int, seed: int, lattice: bool) -> None:
     block = block_of_points(n, dim, seed, lattice)
@@ -161,7 +161,7 @@ def test_a_piece_is_halved_to_the_very_cells_of_a_block(n: int, dim: int, seed: 
     assert np.array_equal(upper, split_at_median(block, points[:, 0], points[:, 1:]))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(2, 200), st.sampled_from([2, 3]), SEEDS)
 def test_frames_are_those_that_numpy_finds(n: int, dim: int, seed: int) -> None:
     block = block_of_points(n, dim, seed, lattice=False)

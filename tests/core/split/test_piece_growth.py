@@ -43,7 +43,7 @@ class DepthByDepth:
         return KMeans().bisect_level(level, seeds)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(3, 90), st.sampled_from([2, 3]), SEEDS, st.booleans(), st.data())
 def test_counts_are_exact_on_any_graph(
     n: int, dim: int, seed: int, refined: bool, data: st.DataObject
@@ -174,7 +174,7 @@ def tagged(graph: Graph, sides: np.ndarray) -> np.ndarray:
     return np.where(sides, 2 * graph.n - 1, 0).astype(np.int32)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(8, 150), SEEDS)
 def test_refinement_shortens_the_interface_and_breaks_nothing(n: int, seed: int) -> None:
     mesh = samples.voronoi(n, seed=seed)
@@ -249,7 +249,7 @@ def test_heavy_cells_are_in_every_sample() -> None:
     assert 0.08 < (sample > 0).mean() < 0.2
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(1, 40), SEEDS)
 def test_a_piece_is_connected_as_networkx_finds(n: int, seed: int) -> None:
     graph, rng = lumpy_graph(n, 2, seed), np.random.default_rng(seed)

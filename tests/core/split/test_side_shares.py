@@ -154,7 +154,7 @@ def test_shares_by_quota() -> None:
         assert set(side_shares(parts)) == {0.5}
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.integers(2, 200), st.sampled_from([2, 3]), st.integers(0, 10**6), st.booleans(), st.floats(0.05, 0.49)
 )
