@@ -24,6 +24,7 @@ def lines_of_the_page() -> list[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("warm_process")
 @pytest.mark.parametrize("own", OWN, ids=":".join)
 def test_our_components_keep_the_laws_as_the_page_says(own: tuple[str, str]) -> None:
     record = default().record(*own)
