@@ -256,7 +256,10 @@ def _formats(registry: Registry | None, options: dict[str, bool]) -> Formats:
 def _writer(target: Path, registry: Registry | None, options: dict[str, bool]) -> KnownFormat:
     """Return the format that writes the file, after a check that the file can be created or replaced."""
     if target.is_dir():
-        raise FileError("is a folder, expected a file name")
+        raise FileError(
+            f"is a folder, expected a file name such as {target / 'out.vtu'} (for an OpenFOAM case "
+            f"{target / 'out.foam'})"
+        )
     file_format = _formats(registry, options).writer(target)
     if not target.parent.is_dir():
         raise FileError(f"the folder {target.parent} does not exist")

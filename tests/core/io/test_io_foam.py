@@ -432,6 +432,13 @@ def test_command_line_on_a_folder(tmp_path: Path, agglo: Agglo) -> None:
     assert read(tmp_path / "o.npz").n_cells == 2
 
 
+def test_a_folder_is_no_output(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"expected a file name such as .*/out\.vtu .* case .*/out\.foam\)"):
+        write(tmp_path, samples.boxes(1))
+    write(tmp_path / "out.foam", samples.boxes(1))
+    assert read(tmp_path).n_cells == 1
+
+
 def test_regions_of_a_case(tmp_path: Path) -> None:
     case = foam(tmp_path)
     for region in ("fluid", "solid"):
