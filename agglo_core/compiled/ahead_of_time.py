@@ -17,7 +17,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import llvmlite.binding
+import llvmlite.binding  # type: ignore[import-untyped]
 import numba.types
 
 from agglo_core.compiled.cpu_levels import LEVELS, supported_levels
@@ -98,7 +98,8 @@ def compile_listed(folder: Path, signatures: Iterable[Signature], level: str) ->
 
 def _prepare(level: str) -> None:
     gc.set_threshold(100_000)  # the default takes a tenth of the time of compiling
-    numba.config.CPU_NAME, numba.config.CPU_FEATURES = level, ""
+    settings: Any = numba.config
+    settings.CPU_NAME, settings.CPU_FEATURES = level, ""
 
 
 def _compile(signature: Signature, folder: Path) -> None:

@@ -91,7 +91,7 @@ def run_on_ranks(
             mesh = read_shared_mesh(source, ranks)
         with phase(progress, "loading"):
             warm_up_in_turn(arguments, ranks)
-        hierarchy, *times = agglomerate_on_ranks(mesh, arguments, independent, progress)
+        hierarchy, seconds, cpu = agglomerate_on_ranks(mesh, arguments, independent, progress)
         with phase(progress, "measuring"):
             _ = mesh.h  # computed by all ranks, reported by rank 0
             levels = _levels(hierarchy, RATIOS if metrics is None else metrics)
@@ -100,7 +100,7 @@ def run_on_ranks(
                 write(output, mesh, hierarchy)
     if first:
         name = bisectors[0] if bisectors else hierarchy.statistics["bisector"]
-        _tell(source, mesh, _Run(name, hierarchy, levels, *times), as_json=as_json, quiet=quiet)
+        _tell(source, mesh, _Run(name, hierarchy, levels, seconds, cpu), as_json=as_json, quiet=quiet)
         if output is not None and not (as_json or quiet):
             print_lines(f"wrote {output}")
     return 0
