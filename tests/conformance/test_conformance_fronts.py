@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from conformance.mutants.bisectors import CrashesOnOneCell, NamesOfSides, SwapsSides
-from conformance.mutants.hanging import Dies, HangsWhenBuilt
+from conformance.mutants.hanging import Dies
 from conformance.mutants.problems import Heat
 from conformance.mutants.samples import bars
 
@@ -45,9 +45,12 @@ class AsNames(Mine):
         return np.where(super().bisect(graph, rng), "right", "left")
 
 class Endless:
-    def bisect(self, graph, rng):
+    def __init__(self):
         while True:
             pass
+
+    def bisect(self, graph, rng):
+        return graph.centroids[:, 0] > 0
 """
 ENTRY_POINTS = "[agglo]\nmine = my_plugin\n"
 METADATA = "Metadata-Version: 2.1\nName: my-plugin\nVersion: 0.3\n"
@@ -71,8 +74,8 @@ def agglo(*arguments):
 print(json.dumps({
     "mine": agglo("check", "mine"),
     "names_of_sides": agglo("check", "bisector:names_of_sides", "--json"),
-    "endless": agglo("check", "mine/endless", "--timeout", "1"),
-    "failed": [result.law for result in check("mine") if not result.passed],
+    "endless": agglo("check", "mine/endless", "--timeout", "1", "--json"),
+    "failed": [result.law for result in check("names_of_sides") if not result.passed],
 }))
 """
 
@@ -92,7 +95,7 @@ def outside(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     program = f"import sys; sys.path.insert(0, {str(folder)!r})\n{OUTSIDE}"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=folder)
     assert done.returncode == 0, done.stdout + done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])  # others print, too
     return found
 
 
@@ -225,12 +228,6 @@ def test_the_clock_starts_after_the_import_and_stands_still_for_compilers(name: 
     assert [messages[law] for law in ("builds", "surroundings_kept", "answers")] == ["", "", ""]
 
 
-def test_a_constructor_that_hangs_is_stopped() -> None:
-    (result,) = check(HangsWhenBuilt, timeout=2)
-    assert result.law == "builds"
-    assert "no answer" in result.message
-
-
 def test_a_process_that_dies_is_a_failure() -> None:
     messages = {r.law: r.message for r in check(Dies, timeout=60)}
     assert messages["answers"] == "the process died (exit code 7): it left no message"
@@ -308,8 +305,10 @@ def test_a_broken_plugin_is_told_what_to_do(outside: dict[str, Any]) -> None:
 def test_a_hanging_plugin_is_stopped(outside: dict[str, Any]) -> None:
     code, text = outside["endless"]
     assert code == 3
-    assert "no answer after 1 seconds" in " ".join(text.split())
+    (result,) = json.loads(text)  # nothing is left to judge
+    assert result["law"] == "builds"
+    assert "no answer after 1 seconds: look for a loop" in result["message"]
 
 
 def test_the_first_front_needs_no_pytest(outside: dict[str, Any]) -> None:
-    assert outside["failed"] == []
+    assert {"side_array", "says_nothing"} <= set(outside["failed"])

@@ -15,11 +15,6 @@ class Hangs(Halves):
             time.sleep(0.01)
 
 
-class HangsWhenBuilt(Halves):
-    def __init__(self):
-        time.sleep(1000)
-
-
 class Dies(Halves):
     def bisect(self, graph, rng):
         os._exit(7)
