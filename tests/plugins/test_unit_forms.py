@@ -119,7 +119,7 @@ def require_alike(found: Solution, expected: Solution, tolerance: float) -> None
 @pytest.mark.parametrize("degree", [1, 2])
 def test_steps_solve_the_problem_at_hand_whatever_changed(degree: int) -> None:
     """κ, its jumps and its kind, source, boundary data, and which faces have which."""
-    mesh = sides(samples.voronoi(150, seed=7))
+    mesh = sides(samples.voronoi(70, seed=7))
     solver = PolyDGMultigrid(degree, tolerance=1e-8)
     steps = solver.repeated(bare(mesh))
     problems = changing(mesh)
