@@ -140,9 +140,9 @@ def test_coercive_with_the_margin(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(75))
+@pytest.mark.parametrize("seed", range(36))
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])
-def test_coercive_on_300_random_meshes(seed: int, degree: int) -> None:
+def test_coercive_on_all_meshes_with_all_coefficients(seed: int, degree: int) -> None:
     rng = np.random.default_rng(1000 * degree + seed)
     mesh = list(CASES.values())[seed % len(CASES)](rng)
     problem = (Diffusion(), jumping(mesh, rng), jumping(mesh, rng), WAVE)[seed % 4]
