@@ -43,15 +43,15 @@ def checked(case: Case, most: int = 300) -> int:
     return len(found)
 
 
-@pytest.mark.parametrize("seed", [1, 4, 6, 11, 14, 19, 23, 25])
+@pytest.mark.parametrize("seed", [1, 4, 6, 11])
 def test_what_is_called_converged_is_right(seed: int) -> None:
     assert checked(random_case(seed, largest=7), most=100) >= 1
 
 
 @pytest.mark.slow
-def test_what_is_called_converged_is_right_on_a_hundred_problems() -> None:
-    """Most of the 300 solutions are called converged; the others are on graded meshes mostly."""
-    assert sum(checked(random_case(seed)) for seed in range(1000, 1100)) >= 200
+def test_what_is_called_converged_is_right_on_fifty_problems() -> None:
+    """Most of the 150 solutions are called converged; the others are on graded meshes mostly."""
+    assert sum(checked(random_case(seed)) for seed in range(1000, 1050)) >= 100
 
 
 @pytest.mark.parametrize("solver", [PaperMultigrid(operators="inherited"), PlainCG()])
