@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from thirdparty.fakes import FAKES, plain_fakes
-from thirdparty.installing import install
+from thirdparty.installing import install, unpack
 
 collect_ignore_glob = [
     "agglo-hilbert/*",
@@ -47,5 +47,5 @@ def thirty(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Site folder with thirty working plugins."""
     site = tmp_path_factory.mktemp("thirty")
     wheels = tmp_path_factory.mktemp("wheels")
-    install(site, *(each.wheel(wheels) for each in plain_fakes(30)))
+    unpack(site, *(each.wheel(wheels) for each in plain_fakes(30)))
     return site

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["Answer", "converse", "environment", "install", "write_wheel"]
+__all__ = ["Answer", "converse", "environment", "install", "unpack", "write_wheel"]
 
 _OFFLINE = ("--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--disable-pip-version-check")
 
@@ -56,6 +56,13 @@ def write_wheel(folder: Path, distribution: str, version: str, files: Mapping[st
         for name, text in content.items():
             archive.writestr(name, text)
     return wheel
+
+
+def unpack(site: Path, *wheels: Path) -> None:
+    """Install pure wheels into ``site`` as pip does, without starting it."""
+    for wheel in wheels:
+        with zipfile.ZipFile(wheel) as archive:
+            archive.extractall(site)
 
 
 def install(site: Path, *what: Path) -> None:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 
 import pytest
-from thirdparty.installing import environment, write_wheel
+from thirdparty.installing import environment, unpack, write_wheel
 
 pytestmark = pytest.mark.slow
 
@@ -74,9 +73,7 @@ REASONS = {
 def put(site: Path, name: str, declaration: str, code: str = "") -> None:
     """Install a distribution with one plugin into ``site``."""
     files = {f"agglo_{name}/__init__.py": declaration, f"agglo_{name}/code.py": code}
-    wheel = write_wheel(site, f"agglo-{name}", "0.1", files, f"{name} = agglo_{name}")
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(site)
+    unpack(site, write_wheel(site, f"agglo-{name}", "0.1", files, f"{name} = agglo_{name}"))
 
 
 def agglo(site: Path, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
