@@ -121,7 +121,8 @@ def test_graphs_without_geometry_are_served() -> None:
     indptr = np.concatenate(([0], np.cumsum([len(row) for row in rows])))
     for measures in (np.zeros(12), np.ones(12)):
         path = Graph.from_arrays(indptr, np.concatenate(rows), np.zeros((12, 2)), measures=measures)
-        assert kway(path, n_parts=5).parts == [5]
+        labels = KMeans(effort="fast").partition(path, Target(parts=5), 0)
+        assert len(np.unique(labels)) == 5
         assert np.isfinite(value(path, np.arange(12) // 4))
 
 
