@@ -64,11 +64,8 @@ def plot_level(
     mesh = hierarchy.fine
     if mesh is None:
         raise MeshError("this hierarchy belongs to a graph: there is nothing to plot")
-    if not 0 <= level < len(hierarchy.levels):
-        raise IndexError(
-            f"level {level} is out of range: the hierarchy has levels 0..{len(hierarchy.levels) - 1}"
-        )
-    panels, labels, paint = panels_of(mesh, explode, section), hierarchy.levels[level], None
+    labels = hierarchy[level]
+    panels, paint = panels_of(mesh, explode, section), None
     if isinstance(values, str):
         paint = by_number(quality(mesh, labels, (values,), registry)[values], values, cmap)
     elif values is not None:

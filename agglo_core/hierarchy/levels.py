@@ -183,14 +183,16 @@ class Hierarchy(FieldState):
         return ones_by_row(columns, self.parts[level])
 
     def mesh(self, level: int) -> Mesh:
-        """Return the coarse mesh on ``level``.
+        """Return the coarse mesh on ``level``: 0 is the finest, −1 the coarsest.
 
         Raises
         ------
+        IndexError
+            If there is no such level.
         MeshError
             If a Graph without mesh was agglomerated.
         """
-        return self._fine_mesh().coarsen(self._level(level))
+        return self._fine_mesh().coarsen(self[level])
 
     def quality(self, level: int = 0, metrics: Iterable[Any] | None = None, **options: Any) -> Quality:
         """Compute quality metrics of every agglomerate of a level, by :func:`agglo_core.quality`.
@@ -286,7 +288,7 @@ class Hierarchy(FieldState):
         Parameters
         ----------
         level : int
-            0 is the finest.
+            0 is the finest, −1 the coarsest.
         ax, cmap, section : optional
             As for :meth:`agglo_core.Mesh.plot`.
         values : str or (n_level,) float, optional

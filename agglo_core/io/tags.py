@@ -70,6 +70,17 @@ def tag_values(name: str, values: NDArray[Any]) -> Int:
     return frozen_int(values)
 
 
+def note_varying_tags(mesh: Mesh, coarse: Mesh, level: int) -> None:
+    """Log the cell tags that a coarse mesh lacks, because they vary within its agglomerates."""
+    lost = [name for name in mesh.cell_tags if name not in coarse.cell_tags and not is_level(name)]
+    if lost:
+        _log.info(
+            "the mesh of level %d has no %s: values vary within agglomerates, unless regions keep them apart",
+            level,
+            ", ".join(lost),
+        )
+
+
 def note_left_out(mesh: Mesh, names: Iterable[str]) -> Mesh:
     """Log the names of skipped cell data, and add their number to ``mesh.repairs``."""
     skipped_names = list(dict.fromkeys(name or "(without a name)" for name in names))

@@ -239,6 +239,9 @@ def check_labels(labels: ArrayLike, n: int) -> Int:
 
 def check_tags(kind: str, tags: Mapping[str, ArrayLike], count: int) -> dict[str, Int]:
     """Return checked tags as read-only int64 arrays ``(count,)`` by name, or raise MeshError."""
+    if not isinstance(tags, Mapping):
+        expected = f"a mapping from names to ({count},) integers, such as {{'material': [0, 1, …]}}"
+        raise MeshError(f"{kind} tags must be {expected}, given {type(tags).__name__}")
     checked = {}
     for name, values in tags.items():
         array = plain_array(values, f"{kind} tag {name!r}")

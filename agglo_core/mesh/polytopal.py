@@ -191,7 +191,7 @@ class Mesh(FieldState, Derived, Tagged):
     def _of(
         cls, faces: Faces, cells: Int, n: int, cell_tags: Mapping[str, ArrayLike] | None, name: str
     ) -> Mesh:
-        tags = check_tags("cell", cell_tags or {}, n)
+        tags = check_tags("cell", {} if cell_tags is None else cell_tags, n)
         if len(cells) < n:
             tags = {key: frozen(values[cells], values.dtype) for key, values in tags.items()}
         return trusted(cls, **faces._asdict(), cell_tags=tags, name=name)

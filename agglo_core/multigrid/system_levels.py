@@ -72,6 +72,11 @@ def build_levels(
     (True, True)
     """
     n = np.shape(A)[0] if np.ndim(A) == 2 else 0
+    if hierarchy is not None and not isinstance(hierarchy, Hierarchy):
+        raise OptionError(
+            f"the hierarchy must be a Hierarchy, given {type(hierarchy).__name__}; for a mesh or graph pass "
+            "agglomerate(mesh, …)"
+        )
     if hierarchy is not None and block_offsets is None:
         cells = hierarchy.graph.n
         if n % cells:

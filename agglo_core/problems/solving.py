@@ -76,9 +76,17 @@ def solve(
     hierarchy = on if isinstance(on, Hierarchy) else None
     if hierarchy is None:
         if not isinstance(on, Mesh):
-            raise OptionError(f"solve expects a Mesh or a Hierarchy first, given {shown(on)}")
+            remedy = {"Graph": "; agglomerate the graph first"}.get(type(on).__name__, "")
+            if hasattr(on, "tocsr"):
+                remedy = "; for a matrix write build_levels(A).solve(b)"
+            raise OptionError(f"solve expects a Mesh or a Hierarchy first, given {type(on).__name__}{remedy}")
         hierarchy = Hierarchy(on, on.graph, [], [], nested=True)
     problem = Diffusion() if problem is None else problem
+    if isinstance(problem, type) or not hasattr(problem, "kind"):
+        raise OptionError(
+            "a problem must be an object such as Diffusion(source=1.0) or Linear(A, b, offsets), given "
+            f"{shown(problem)}"
+        )
     member = _member(solver, options, registry)
     require_accepted(member.tool, problem, member.title)
     if hierarchy is not on and getattr(member.tool, "needs_levels", True):

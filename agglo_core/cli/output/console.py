@@ -55,7 +55,7 @@ def explain_compilation() -> None:
     """Print a note on stderr if kernels are compiled during this command."""
     from agglo_core.compiled.first_run import watch_compilation
 
-    note = "note: compiling numerical kernels, once per machine (up to a minute)"
+    note = "note: compiling numerical kernels for their first use (up to a minute)"
     click.get_current_context().with_resource(watch_compilation(lambda: say(note)))
 
 

@@ -20,6 +20,7 @@ from agglo_core.cli.output.tables import print_lines
 from agglo_core.cli.stopping import find_interrupt
 from agglo_core.errors import AggloError, FileError
 from agglo_core.progress import Listener, phase
+from agglo_core.registry import default
 from agglo_core.registry.containment import PLUGIN_FAILURES, describe_error, printable
 
 if TYPE_CHECKING:
@@ -118,10 +119,13 @@ def check_outputs(
     if output is None:
         return []
     from agglo_core.io import check_writable
+    from agglo_core.io.formats import Formats
 
     files = [output] if len(bisectors) < 2 else _one_each(output, bisectors)
     for file in files:
         check_writable(file)
+    if len(files) > 1 and Formats(default()).writer(output).has("folders"):
+        raise FileError(f"{output}: a case holds the levels of one bisector, given {' and '.join(bisectors)}")
     return files
 
 

@@ -31,6 +31,17 @@ class OwnCommand(click.Command):
         """Write the options for the help text, by :func:`~.option_groups.write_options`."""
         write_options(ctx, formatter)
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the arguments, and refuse a second value of an option that keeps only the last one."""
+        order = self.make_parser(ctx).parse_args(args=list(args))[2]
+        for option in order:
+            is_single = isinstance(option, click.Option) and not (
+                option.multiple or option.is_flag or option.count
+            )
+            if is_single and order.count(option) > 1 and not ctx.resilient_parsing:
+                raise click.UsageError(f"{option.opts[0]} is given twice, but has one value", ctx)
+        return super().parse_args(ctx, args)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command, with :func:`stdout` as the stream for its results."""
         with augment_usage_errors(ctx), _reserve_stdout(quiet=bool(ctx.params.get("quiet"))) as stream:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +14,7 @@ from agglo_core.errors import FileError
 from agglo_core.io.matlab.mat5 import Variable, variables
 from agglo_core.io.matlab.mrst import mesh_of_grid
 from agglo_core.io.matlab.write import NAMES
-from agglo_core.io.tags import is_level
+from agglo_core.io.tags import is_level, note_left_out
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.checks import check_tags
 from agglo_core.mesh.elements import Polyhedra, polyhedra_from_elements
@@ -56,18 +55,19 @@ def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: 
     # MRST's grid lists faces, all other layouts list cells.
     if "G" in contents and contents["G"].is_struct and region is None and not lists:
         mesh = mesh_of_grid(contents["G"])
-        mesh = trusted_copy(
-            mesh, cell_tags=check_tags("cell", _tags(contents, mesh.n_cells), mesh.n_cells), name=path.stem
-        )
+        tags, skipped_names = _tags(contents, mesh.n_cells)
+        mesh = trusted_copy(mesh, cell_tags=check_tags("cell", tags, mesh.n_cells), name=path.stem)
+        mesh = note_left_out(mesh, skipped_names)
         return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)
     if region is not None:
         fields = region.fields()
         cells = _region(fields)
     else:
         fields, cells = {}, _lists(contents)
-    tags = {**cells.tags, **_tags(contents, cells.number)}
+    tags, skipped_names = _tags(contents, cells.number)
+    tags = {**cells.tags, **tags}
     if cells.solid is not None:
-        return Mesh.from_polyhedra(
+        mesh = Mesh.from_polyhedra(
             cells.points,
             cells.solid,
             cell_tags=tags,
@@ -76,6 +76,7 @@ def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: 
             drop_flat=drop_flat,
             name=path.stem,
         )
+        return note_left_out(mesh, skipped_names)
     mesh = Mesh.from_polygons(
         cells.points,
         cells.plane,
@@ -86,7 +87,7 @@ def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: 
         name=path.stem,
     )
     # Gaps stay open until the boundary edges are tagged by their points.
-    mesh = _add_boundary_tags(mesh, cells.points, fields)
+    mesh = note_left_out(_add_boundary_tags(mesh, cells.points, fields), skipped_names)
     return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)
 
 
@@ -99,10 +100,11 @@ def _region(fields: Mapping[str, Variable]) -> _Cells:
     plane = _number_from_zero(fields["connectivity"].lists(), len(points), "region.connectivity")
     count = len(plane[0]) - 1
     ids = fields.get("id")
-    tags = (
-        {"id": ids.integers()} if ids is not None and ids.is_numeric and np.prod(ids.shape) == count else {}
-    )
-    return _Cells(points, plane, None, tags)
+    if ids is None or not ids.is_numeric or 0 in ids.shape:
+        return _Cells(points, plane, None, {})
+    if np.prod(ids.shape) != count:
+        raise FileError(f"region.id has {np.prod(ids.shape)} values, expected one for each of {count} cells")
+    return _Cells(points, plane, None, {"id": ids.integers()})
 
 
 def _lists(contents: Mapping[str, Variable]) -> _Cells:
@@ -177,8 +179,8 @@ def _number_from_zero(lists: tuple[Int, Int], n_points: int, name: str) -> tuple
     return offsets, frozen_int(values - 1)
 
 
-def _tags(contents: Mapping[str, Variable], count: int) -> dict[str, Int]:
-    """Convert variables with one integer per cell to tags.
+def _tags(contents: Mapping[str, Variable], count: int) -> tuple[dict[str, Int], list[str]]:
+    """Convert variables with one integer per cell to tags, and list the variables with one real per cell.
 
     Level numbers start from 1 in MATLAB.
     """
@@ -188,13 +190,15 @@ def _tags(contents: Mapping[str, Variable], count: int) -> dict[str, Int]:
         names = {
             name: name for name, array in contents.items() if array.is_numeric and _is_list(array, count)
         }
-    tags = {}
+    tags, skipped_names = {}, []
     for variable, name in names.items():
         if variable not in contents or (contents[variable].shape[:1] != (count,) and NAMES in contents):
             raise FileError(f"{NAMES} lists the variable {variable!r}, which does not have one row per cell")
-        with suppress(FileError):  # real values are no tags
+        try:
             tags[name] = frozen_int(contents[variable].integers() - (1 if is_level(name) else 0))
-    return tags
+        except FileError:  # real values are no tags
+            skipped_names.append(variable)
+    return tags, skipped_names
 
 
 def _is_list(variable: Variable, count: int) -> bool:

@@ -51,11 +51,12 @@ def write_matlab(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compres
     MeshError
         If files cannot hold a tag name.
     """
-    write_levels(path, mesh, hierarchy, partial(_write, compress=compress))
+    has_ids = "id" in mesh.cell_tags
+    write_levels(path, mesh, hierarchy, partial(_write, has_ids=has_ids, compress=compress))
 
 
-def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int], *, compress: bool) -> None:
-    cells = _solid(mesh) if mesh.dim == 3 else _plane(mesh, tags)
+def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int], *, has_ids: bool, compress: bool) -> None:
+    cells = _solid(mesh) if mesh.dim == 3 else _plane(mesh, tags, has_ids)
     grids = [grid_structure(mesh), *_coarse_grids(mesh, tags)]
     write_variables(path, [*cells, *grids, *_tags(tags)], compress=compress)
 
@@ -74,12 +75,12 @@ def _solid(mesh: Mesh) -> Iterator[bytes]:
     yield cell_array("elem3", (mesh.n_cells, 1), cells)
 
 
-def _plane(mesh: Mesh, tags: Mapping[str, Int]) -> Iterator[bytes]:
+def _plane(mesh: Mesh, tags: Mapping[str, Int], has_ids: bool) -> Iterator[bytes]:
     loops = loops_of(mesh, ".mat")
     cells = lists(loops.offsets, frozen_int(loops.vertices + 1))
     yield numbers("node", loops.points)
     yield cell_array("elem", (mesh.n_cells, 1), cells)
-    yield structure("region", _region(mesh, loops, tags))
+    yield structure("region", _region(mesh, loops, tags, has_ids))
     n, sizes = mesh.n_cells, np.diff(loops.offsets)
     cell, edge = _neighbours(loops)
     yield structure(
@@ -92,21 +93,23 @@ def _plane(mesh: Mesh, tags: Mapping[str, Int]) -> Iterator[bytes]:
     )
 
 
-def _region(mesh: Mesh, loops: Loops, tags: Mapping[str, Int]) -> dict[str, bytes]:
+def _region(mesh: Mesh, loops: Loops, tags: Mapping[str, Int], has_ids: bool) -> dict[str, bytes]:
     """Return the fields of lymph's struct ``region``, except ``max_kb``.
 
-    lymph's function ``MakePolygonProperties`` computes ``max_kb``.
+    lymph's function ``MakePolygonProperties`` computes ``max_kb``. ``id`` is 1 if the fine mesh has no ids; a
+    coarse mesh whose agglomerates contain several ids has none.
     """
     n, starts = mesh.n_cells, loops.offsets[:-1]
     corners = loops.points[loops.vertices]
     box = [bound.reduceat(x, starts) for x in corners.T for bound in (np.minimum, np.maximum)]
     pairs, values = _boundary(mesh, loops)
+    ids = tags.get("id", None if has_ids else np.ones(n, np.int64))
     return {
         "ne": numbers("", [[n]]),
         "nedges": numbers("", np.diff(loops.offsets)[None]),
         "BBox": numbers("", np.stack(box, axis=1)),
         "coord": numbers("", loops.points),
-        "id": numbers("", tags.get("id", np.ones(n, np.int64))),
+        **({} if ids is None else {"id": numbers("", ids)}),
         "coords_element": cell_array("", (1, n), matrices(loops.offsets, frozen_float(corners))),
         "connectivity": cell_array("", (1, n), lists(loops.offsets, frozen_int(loops.vertices + 1))),
         "area": numbers("", mesh.cell_measures),

@@ -28,6 +28,7 @@ class FoamPart(NamedTuple):
     zones: Mapping[str, Int]  # cells by name
     processors: Mapping[int, Int]  # faces by adjacent processor
     whole: Mapping[str, str]  # periodic patch by the name of its piece between processors
+    kinds: Mapping[str, str]  # type of each patch
 
 
 def read_part(poly: Path) -> FoamPart:
@@ -53,7 +54,9 @@ def read_part(poly: Path) -> FoamPart:
     sides[:, 0] = owner
     sides[: len(neighbour), 1] = neighbour
     n_cells = int(sides.max(initial=-1)) + 1
-    part = FoamPart(points, offsets, vertices, frozen_int(sides), n_cells, {}, _zones(poly, n_cells), {}, {})
+    part = FoamPart(
+        points, offsets, vertices, frozen_int(sides), n_cells, {}, _zones(poly, n_cells), {}, {}, {}
+    )
     return _add_patches(part, dict(_unique_entries("boundary", parser_of(open_foam(poly, "boundary"), 0))))
 
 
@@ -131,7 +134,8 @@ def _add_patches(part: FoamPart, tables: Mapping[str, Table]) -> FoamPart:
             processors[number_in(table, "neighbProcNo")] = patches[name]
         if kind in ("processor", "processorCyclic"):
             whole[name] = word_in(table, "referPatch")
-    return part._replace(patches=patches, processors=processors, whole=whole)
+    kinds = {name: word_in(table, "type") for name, table in tables.items()}
+    return part._replace(patches=patches, processors=processors, whole=whole, kinds=kinds)
 
 
 def _zones(poly: Path, n_cells: int) -> dict[str, Int]:

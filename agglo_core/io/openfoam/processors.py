@@ -105,6 +105,7 @@ def _concatenate_parts(parts: Sequence[FoamPart]) -> FoamPart:
         ),
         {},
         {},
+        {},
     )
 
 

@@ -68,9 +68,9 @@ def read_foam(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
         part = read_part(poly)
     else:
         part, cell_tags[PROCESSOR] = read_processors(_processors(case, poly))
-    mesh = _mesh(part, name)
+    mesh = mesh_of_part(part, name)
     # Tags: patches on faces; zones and stored tags on cells.
-    patches = dict(_patch_tags(part))
+    patches = dict(patch_tags(part))
     face_tags = {**patches, PATCH: _numbers(patches, mesh)} if patches and PATCH not in patches else patches
     for zone, cells in part.zones.items():
         cell_tags[zone] = _indicator(cells, mesh.n_cells)
@@ -119,7 +119,7 @@ def _processors(case: Path, poly: Path) -> list[Path]:
     raise FileError(f"is an OpenFOAM case without a mesh: {poly} does not exist; run blockMesh to create it")
 
 
-def _mesh(part: FoamPart, name: str) -> Mesh:
+def mesh_of_part(part: FoamPart, name: str) -> Mesh:
     """Build a mesh from the arrays of ``polyMesh``, and check its face orientations and areas.
 
     Drop points without a face.
@@ -140,7 +140,7 @@ def _mesh(part: FoamPart, name: str) -> Mesh:
     return record_repairs(mesh, {"orphan points dropped": orphans})
 
 
-def _patch_tags(part: FoamPart) -> Iterator[tuple[str, Int]]:
+def patch_tags(part: FoamPart) -> Iterator[tuple[str, Int]]:
     """Yield a face tag per patch: 1 on its faces, 0 on other patches, −1 elsewhere."""
     template = np.full(len(part.sides), -1)
     for faces in part.patches.values():

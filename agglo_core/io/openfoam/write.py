@@ -14,10 +14,12 @@ from urllib.parse import quote
 import numpy as np
 
 from agglo_core.arrays import Int, frozen_int
-from agglo_core.errors import FileError
+from agglo_core.errors import AggloError, FileError
 from agglo_core.files.text_numbers import integer_lines, real_lines
 from agglo_core.io.atomic import new_folders, staging
-from agglo_core.io.openfoam.read import OWN
+from agglo_core.io.openfoam.files import has_foam
+from agglo_core.io.openfoam.parts import FoamPart, read_part
+from agglo_core.io.openfoam.read import OWN, PATCH, mesh_of_part, patch_tags
 from agglo_core.io.tags import cell_data, check_names, is_level
 from agglo_core.io.to_mesh.plain_cells import used_points
 from agglo_core.mesh import Mesh
@@ -31,6 +33,11 @@ _NO_WORD = re.compile(r"""[\s"'/\\;{}()\[\]$#]+""")
 _REST = "defaultFaces"
 _NOTE = "labels of a level, written by agglo"
 _HEAD = 512  # bytes that contain the header of a field
+_CONSTRAINTS = {
+    *("cyclic", "cyclicACMI", "cyclicAMI", "cyclicSlip", "empty"),
+    *("processor", "processorCyclic", "symmetry", "symmetryPlane", "wedge"),
+}
+"""Types of patches that a field must repeat."""
 
 
 class _Faces(NamedTuple):
@@ -49,7 +56,8 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
     ``constant/cellDecomposition`` holds the finest level in decomposePar's format, ``constant/agglo`` every
     level and tag, and ``0`` the levels as fields ``level0``, ``level1``, …. (A field ``level_0`` would hold
     the old-time values of ``level``, and VTK skips such fields.) Patches are named after face tags, cell
-    zones after cell tags. Face zones, point zones and level fields of an earlier mesh are removed.
+    zones after cell tags. If the case already holds this mesh with these patches and zones, ``polyMesh``
+    stays as it is. A mesh that is replaced loses its face zones, point zones and level fields.
 
     Raises
     ------
@@ -63,14 +71,19 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
     tags = cell_data(mesh, hierarchy)
     check_names(tags)
     # Prepare the text of all files.
-    faces = _sort_faces(mesh)
-    levels = [f"level_{i}" for i in range(len(hierarchy.levels) if hierarchy is not None else 0)]
     case = path.parent
+    poly_mesh = case / "constant" / "polyMesh"
+    present = _present_mesh(poly_mesh, mesh, tags)
+    poly: dict[str, str] = {}
+    if present is None:
+        faces = _sort_faces(mesh)
+        poly = {**_poly(mesh, faces), **_zones(tags)}
+    kinds = present.kinds if present is not None else dict.fromkeys(faces.patches, "patch")
+    levels = [f"level_{i}" for i in range(len(hierarchy.levels) if hierarchy is not None else 0)]
     tag_files = {quote(name, safe=""): _labels(values, OWN) for name, values in tags.items()}
-    fields = {f"level{i}": _field(f"level{i}", tags[name], faces.patches) for i, name in enumerate(levels)}
+    fields = {f"level{i}": _field(f"level{i}", tags[name], kinds) for i, name in enumerate(levels)}
     split = {"cellDecomposition": _labels(tags[levels[0]], "constant")} if levels else {}
-    poly = {**_poly(mesh, faces), **_zones(tags)}
-    groups = [(case / "constant" / "polyMesh", poly), (case / "constant" / OWN, tag_files)]
+    groups = [(poly_mesh, poly), (case / "constant" / OWN, tag_files)]
     groups += [(case / "constant", split), (case / "0", fields)]
     # Stage all folders first; the case changes only if all files could be written.
     with ExitStack() as stages:
@@ -83,10 +96,32 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
         stage = stages.enter_context(staging(path))
         (stage / path.name).write_bytes(b"")
     # Remove remains of an earlier mesh.
-    _remove_zones(case / "constant" / "polyMesh", kept=poly)
+    if poly:
+        _remove_zones(poly_mesh, kept=poly)
     _remove_fields(case / "0", kept=fields)
     for folder, files in groups[:3]:
         _remove_other_forms(folder, files, compress, all_others=folder.name == OWN)
+
+
+def _present_mesh(folder: Path, mesh: Mesh, tags: Mapping[str, Int]) -> FoamPart | None:
+    """Return the mesh of a folder ``polyMesh``, or None if cells, patches or zones differ."""
+    if not has_foam(folder, "faces"):
+        return None
+    try:
+        part = read_part(folder)
+        is_same = mesh_of_part(part, "").fingerprint == mesh.fingerprint
+    except AggloError:  # it is broken, and will be replaced
+        is_same = False
+    if is_same:
+        patches, zones = dict(patch_tags(part)), _zone_cells(tags)
+        own = {name: tag for name, tag in mesh.face_tags.items() if name != PATCH or PATCH in patches}
+        is_same = own.keys() == patches.keys() and zones.keys() <= part.zones.keys()
+        is_same = is_same and all(np.array_equal(own[name], patches[name]) for name in patches)
+        is_same = is_same and all(np.array_equal(zones[name], part.zones[name]) for name in zones)
+    if is_same:
+        return part
+    _log.warning("%s held another mesh or other tags: it is replaced, and its patches have no types", folder)
+    return None
 
 
 def _put(file: Path, text: str, compress: bool) -> None:
@@ -135,12 +170,12 @@ def _poly(mesh: Mesh, faces: _Faces) -> dict[str, str]:
     }
 
 
-def _zones(tags: Mapping[str, Int]) -> dict[str, str]:
-    """Return the text of ``cellZones``, with a zone for each 0/1 tag.
+def _zone_cells(tags: Mapping[str, Int]) -> dict[str, Int]:
+    """Return the cells of a zone for each 0/1 tag, by name.
 
     Tags that overlap an earlier zone are skipped.
     """
-    entries, in_zone = list[str](), np.zeros(len(next(iter(tags.values()), ())), bool)
+    zones, in_zone = dict[str, Int](), np.zeros(len(next(iter(tags.values()), ())), bool)
     for name, values in tags.items():
         inside = values == 1
         if (
@@ -151,9 +186,16 @@ def _zones(tags: Mapping[str, Int]) -> dict[str, str]:
         ):
             continue
         in_zone |= inside
-        cells = np.flatnonzero(inside)
-        rows = f"List<label>\n{len(cells)}\n(\n{_column(frozen_int(cells))})\n"
-        entries.append(f"{_NO_WORD.sub('_', name)}\n{{\n    type cellZone;\n    cellLabels {rows};\n}}\n")
+        zones[_NO_WORD.sub("_", name)] = frozen_int(np.flatnonzero(inside))
+    return zones
+
+
+def _zones(tags: Mapping[str, Int]) -> dict[str, str]:
+    """Return the text of ``cellZones``, or nothing without zones."""
+    entries = []
+    for name, cells in _zone_cells(tags).items():
+        rows = f"List<label>\n{len(cells)}\n(\n{_column(cells)})\n"
+        entries.append(f"{name}\n{{\n    type cellZone;\n    cellLabels {rows};\n}}\n")
     rows = "".join(entries)
     text = _file("regIOobject", "constant/polyMesh", "cellZones", len(entries), rows)
     return {"cellZones": text} if entries else {}
@@ -237,9 +279,10 @@ def _labels(values: Int, place: str) -> str:
     return _file("labelList", place, "labels", len(values), _column(values))
 
 
-def _field(name: str, labels: Int, patches: Mapping[str, tuple[int, int]]) -> str:
-    """Return the text of an OpenFOAM scalar field with the labels as values."""
-    rows = "".join(f"    {patch}\n    {{\n        type zeroGradient;\n    }}\n" for patch in patches)
+def _field(name: str, labels: Int, kinds: Mapping[str, str]) -> str:
+    """Return the text of an OpenFOAM scalar field with the labels as values, for patches of these types."""
+    types = {patch: kind if kind in _CONSTRAINTS else "zeroGradient" for patch, kind in kinds.items()}
+    rows = "".join(f"    {patch}\n    {{\n        type {kind};\n    }}\n" for patch, kind in types.items())
     return (
         _header("volScalarField", "0", name, _NOTE)
         + "dimensions [0 0 0 0 0 0 0];\n"

@@ -11,7 +11,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.tags import cell_data, check_names, is_level
+from agglo_core.io.tags import cell_data, check_names, is_level, note_varying_tags
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra, gather
 
@@ -127,6 +127,7 @@ def write_levels(
     write(path, mesh, tags)
     for level, labels in enumerate(hierarchy.levels if hierarchy is not None else ()):
         coarse = mesh.coarsen(labels)
+        note_varying_tags(mesh, coarse, level)
         name = f"{path.stem}_level{level}{path.suffix}"
         try:
             coarse_tags = {key: values for key, values in coarse.cell_tags.items() if not is_level(key)}

@@ -19,7 +19,7 @@ from agglo_core.io.levels import (
     coarse_cell_data,
     under_free_names,
 )
-from agglo_core.io.tags import BRIDGES, cell_data, check_names, is_level
+from agglo_core.io.tags import BRIDGES, cell_data, check_names, is_level, note_varying_tags
 from agglo_core.io.to_mesh.listed_faces import face_fields
 from agglo_core.io.to_mesh.plain_cells import used_points
 from agglo_core.io.vtk.cells import POLYHEDRON, Cells, cells_of, select_cells
@@ -177,11 +177,13 @@ def write_grids(
     with staging(path) as folder:
         for i, labels in enumerate(levels):  # before the fine mesh, whose derived arrays stay in memory
             tell_piece = part(tell, i, 1 + len(levels), f"level {i}")
-            piece = _coarse_piece(storage, mesh.coarsen(labels), levels, i, values[i], reserved_names)
+            coarse = mesh.coarsen(labels)
+            note_varying_tags(mesh, coarse, i)
+            piece = _coarse_piece(storage, coarse, levels, i, values[i], reserved_names)
             storage.write(
                 folder / f"{path.stem}_level{i}{path.suffix}", piece, compress=compress, tell=tell_piece
             )
-            del piece  # free it before the next piece is created
+            del piece, coarse  # free it before the next piece is created
         tell_piece = part(tell, len(levels), 1 + len(levels))
         piece = piece_of(mesh, storage.faces, tags, {})
         storage.write(folder / path.name, piece, compress=compress, tell=tell_piece)

@@ -374,3 +374,18 @@ def test_every_file_of_several_runs_has_its_own_name(agglo: Agglo) -> None:
     code, _, err = agglo("run", "squares:n=4", *clash)
     assert code == 2
     assert "files with equal names" in err
+
+
+def test_an_option_with_one_value_is_given_once(agglo: Agglo) -> None:
+    done = agglo("run", "squares:n=4", "-o", "a.npz", "--parts", "4", "--output", "b.npz")
+    assert done.code == 2
+    assert "-o is given twice, but has one value" in done.err
+    assert list(Path().iterdir()) == []
+    assert agglo("run", "squares:n=4", "--bisector", "kmeans", "--bisector", "sweep", "--quiet").code == 0
+
+
+def test_an_openfoam_case_holds_the_levels_of_one_bisector(agglo: Agglo) -> None:
+    done = agglo("run", "boxes:n=2", "--parts", "2", "--bisector", "kmeans,sweep", "-o", "c.foam")
+    assert done.code == 2
+    assert "c.foam: a case holds the levels of one bisector, given kmeans and sweep" in done.err
+    assert list(Path().iterdir()) == []

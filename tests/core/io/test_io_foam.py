@@ -584,6 +584,39 @@ def test_fields_of_the_user_remain(tmp_path: Path) -> None:
     assert sorted(each.name for each in (tmp_path / "0").iterdir()) == ["level0", "levelSet"]
 
 
+def test_levels_are_added_to_a_case_whose_mesh_stays(tmp_path: Path) -> None:
+    """Types of patches, zones and the order of faces are of the user."""
+    file = foam(tmp_path)
+    change(file, "boundary", "type patch;\n nFaces 1", "type wall;\n nFaces 1")
+    change(file, "boundary", "type patch", "type symmetryPlane")
+    (poly(file) / "pointZones").write_text("of the user")
+    before = {each.name: each.read_bytes() for each in poly(file).iterdir()}
+    mesh = read(file)
+    hierarchy = agglomerate(mesh, bisector="coordinate", n_parts=2)
+    write(file, mesh, hierarchy)
+    assert {each.name: each.read_bytes() for each in poly(file).iterdir()} == before
+    back = read_hierarchy(file)[1]
+    assert back is not None
+    assert back.levels[0].tolist() == hierarchy.levels[0].tolist()
+    patches = "".join((tmp_path / "0" / "level0").read_text().split("boundaryField")[1].split())
+    assert patches == "{inlet{typezeroGradient;}walls{typesymmetryPlane;}}"
+
+
+@pytest.mark.parametrize("entity", ["cell", "face"])
+def test_a_case_with_other_tags_is_replaced(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, entity: str
+) -> None:
+    file = foam(tmp_path)
+    mesh = read(file)
+    outer = np.where(mesh.face_cells[:, 1] < 0, 1, -1)
+    changed = mesh.with_tags(low=[1, 0]) if entity == "cell" else replace(mesh, face_tags={"all": outer})
+    write(file, changed)
+    assert "held another mesh or other tags: it is replaced" in caplog.text
+    back = read(file)
+    assert ("low" in back.cell_tags) == (entity == "cell")
+    assert ("all" in back.face_tags) == (entity == "face")
+
+
 def test_levels_and_tags_are_not_reported_as_zones(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     mesh = samples.boxes(2).with_tags(rock=np.arange(8), low=lambda x: x[:, 2] < 0.5)
     write(tmp_path / "m.foam", mesh, agglomerate(mesh, bisector="coordinate", n_parts=2))

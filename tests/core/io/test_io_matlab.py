@@ -84,6 +84,30 @@ def test_the_struct_of_lymph(tmp_path: Path) -> None:
     assert (tag == -1).sum() == mesh.n_faces - 2
 
 
+def test_coarse_cells_of_several_materials_have_no_id(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A wrong id would be a wrong material in lymph."""
+    mesh = samples.squares(4).with_tags(id=[7, 7, 8, 8] * 4)
+    halves = [np.tile(columns, 4) for columns in ([0, 0, 1, 1], [0, 1, 1, 1])]
+    for place, (labels, ids) in enumerate(zip(halves, ([7, 8], None), strict=True)):
+        with caplog.at_level("INFO", "agglo"):
+            write(tmp_path / f"{place}.mat", mesh, Hierarchy(mesh, mesh.graph, [labels], [{}], True))
+        region = loadmat(tmp_path / f"{place}_level0.mat")["region"][0, 0]
+        assert ("id" in region.dtype.names) == (ids is not None)
+        assert ids is None or region["id"].ravel().tolist() == ids
+    assert [record.getMessage() for record in caplog.records] == [
+        "the mesh of level 0 has no id: values vary within agglomerates, unless regions keep them apart"
+    ]
+
+
+def test_real_values_per_cell_are_counted(tmp_path: Path) -> None:
+    rows = [[1, 2, 3, 4], [2, 5, 6, 3]]
+    mesh = read(put(tmp_path, node=POINTS, elem=rows, kappa=[[0.5], [2.0]], rock=[[1], [2]]))
+    assert list(mesh.cell_tags) == ["rock"]
+    assert dict(mesh.repairs)["cell data that are not integers left out"] == 1
+
+
 @pytest.mark.parametrize("compress", [False, True])
 def test_what_is_written_scipy_reads(tmp_path: Path, compress: bool) -> None:
     mesh = samples.voronoi(60, seed=2)
@@ -170,6 +194,10 @@ def test_big_endian_files_are_read(tmp_path: Path) -> None:
         ({"node": IN_SPACE, "elem": [[1, 2, 3]]}, r"elem has rows of 3, expected 4 \(tetrahedra\)"),
         ({"region": {"coord": POINTS}}, "region has no field 'connectivity'; it has coord"),
         ({"region": 3.0}, "region is not a single struct"),
+        (
+            {"region": {"coord": POINTS, "connectivity": cell([[[1, 2, 3, 4]]]), "id": [1, 2, 3]}},
+            "region.id has 3 values, expected one for each of 1 cells",
+        ),
     ],
 )
 def test_faults_are_named(tmp_path: Path, given: dict[str, Any], says: str) -> None:
