@@ -7,6 +7,7 @@ from dataclasses import replace
 from inspect import isfunction
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conformance.mutants import CORRECT, MUTANTS, NEWCOMERS
 from conformance.mutants.bisectors import AddsData
@@ -83,7 +84,8 @@ _LONG = "time_grows_with_the_mesh"
 
 @pytest.mark.parametrize("mutant", [mutant for law, mutant in _FIRST.items() if law != _LONG], ids=str)
 def test_every_law_kills_its_mutant(mutant: Mutant) -> None:
-    result = judge(law_of(mutant), subject_of_mutant(mutant))
+    with np.errstate(all="warn"):  # a mutant may leave another state behind
+        result = judge(law_of(mutant), subject_of_mutant(mutant))
     assert not result.passed
     assert mutant.says in result.message
 

@@ -128,9 +128,11 @@ def serve() -> None:
     """
     import agglo_core as agglo
 
-    with tempfile.TemporaryDirectory() as folder:
-        mesh = agglo.samples.voronoi(100, seed=1)
-        agglo.plot.draw(mesh, {"": agglo.agglomerate(mesh, h_factor=(2, 4))}, Path(folder) / "levels.png")
+    mesh = agglo.samples.voronoi(100, seed=1)
+    hierarchy = agglo.agglomerate(mesh, h_factor=(2, 4))
+    if find_spec("matplotlib") is not None:
+        with tempfile.TemporaryDirectory() as folder:
+            agglo.plot.draw(mesh, {"": hierarchy}, Path(folder) / "levels.png")
     for line in sys.stdin:
         copy = os.fork()
         if copy == 0:
