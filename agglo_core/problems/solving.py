@@ -76,10 +76,10 @@ def solve(
     hierarchy = on if isinstance(on, Hierarchy) else None
     if hierarchy is None:
         if not isinstance(on, Mesh):
-            remedy = {"Graph": "; agglomerate the graph first"}.get(type(on).__name__, "")
+            given = shown(on)
             if hasattr(on, "tocsr"):
-                remedy = "; for a matrix write build_levels(A).solve(b)"
-            raise OptionError(f"solve expects a Mesh or a Hierarchy first, given {type(on).__name__}{remedy}")
+                given = "a sparse matrix: write build_levels(A).solve(b)"
+            raise OptionError(f"solve expects a Mesh or a Hierarchy first, given {given}")
         hierarchy = Hierarchy(on, on.graph, [], [], nested=True)
     problem = Diffusion() if problem is None else problem
     if isinstance(problem, type) or not hasattr(problem, "kind"):

@@ -109,8 +109,11 @@ def _present_mesh(folder: Path, mesh: Mesh, tags: Mapping[str, Int]) -> FoamPart
         return None
     try:
         part = read_part(folder)
-        is_same = mesh_of_part(part, "").fingerprint == mesh.fingerprint
     except AggloError:  # it is broken, and will be replaced
+        return None
+    try:
+        is_same = mesh_of_part(part, "").fingerprint == mesh.fingerprint
+    except AggloError:  # cells are broken
         is_same = False
     if is_same:
         patches, zones = dict(patch_tags(part)), _zone_cells(tags)
@@ -120,7 +123,8 @@ def _present_mesh(folder: Path, mesh: Mesh, tags: Mapping[str, Int]) -> FoamPart
         is_same = is_same and all(np.array_equal(zones[name], part.zones[name]) for name in zones)
     if is_same:
         return part
-    _log.warning("%s held another mesh or other tags: it is replaced, and its patches have no types", folder)
+    if set(part.kinds.values()) - {"patch"}:
+        _log.warning("%s held another mesh or other tags: all its patches have the type patch now", folder)
     return None
 
 

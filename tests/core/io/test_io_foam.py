@@ -607,11 +607,12 @@ def test_a_case_with_other_tags_is_replaced(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, entity: str
 ) -> None:
     file = foam(tmp_path)
+    change(file, "boundary", "type patch", "type wall")
     mesh = read(file)
     outer = np.where(mesh.face_cells[:, 1] < 0, 1, -1)
     changed = mesh.with_tags(low=[1, 0]) if entity == "cell" else replace(mesh, face_tags={"all": outer})
     write(file, changed)
-    assert "held another mesh or other tags: it is replaced" in caplog.text
+    assert "held another mesh or other tags: all its patches have the type patch now" in caplog.text
     back = read(file)
     assert ("low" in back.cell_tags) == (entity == "cell")
     assert ("all" in back.face_tags) == (entity == "face")
