@@ -7,7 +7,6 @@ from dataclasses import replace
 from inspect import isfunction
 from pathlib import Path
 
-import numpy as np
 import pytest
 from conformance.mutants import CORRECT, MUTANTS, NEWCOMERS
 from conformance.mutants.bisectors import AddsData
@@ -78,31 +77,33 @@ def test_the_guide_says_which_promise_fits_which_kind() -> None:
 _FIRST = {mutant.law: mutant for mutant in reversed(MUTANTS)}
 """One mutant of each law."""
 
+_BY_ALL = [
+    mutant
+    for mutant in MUTANTS
+    if mutant in _FIRST.values() or mutant.given in NEWCOMERS or mutant.says == "building it changed"
+]
+"""Mutants judged by all laws; the law on surroundings needs the law that builds the component before it."""
+
 
 _LONG = "time_grows_with_the_mesh"
 
 
 @pytest.mark.parametrize("mutant", [mutant for law, mutant in _FIRST.items() if law != _LONG], ids=str)
 def test_every_law_kills_its_mutant(mutant: Mutant) -> None:
-    with np.errstate(all="warn"):  # a mutant may leave another state behind
-        result = judge(law_of(mutant), subject_of_mutant(mutant))
+    result = judge(law_of(mutant), subject_of_mutant(mutant))
     assert not result.passed
     assert mutant.says in result.message
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mutant", [each for each in MUTANTS if each not in _FIRST.values()], ids=str)
+@pytest.mark.parametrize("mutant", [each for each in MUTANTS if each not in _BY_ALL], ids=str)
 def test_every_other_mutant_is_killed_by_its_law(mutant: Mutant) -> None:
     test_every_law_kills_its_mutant(mutant)
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("warm_process")
-@pytest.mark.parametrize(
-    "mutant",
-    [each for each in MUTANTS if each in _FIRST.values() or each.given in NEWCOMERS],
-    ids=str,
-)
+@pytest.mark.parametrize("mutant", _BY_ALL, ids=str)
 def test_no_earlier_law_kills_the_mutant_of_a_law(mutant: Mutant) -> None:
     law, message = first_failure(subject_of_mutant(mutant))
     assert law == mutant.law, message
