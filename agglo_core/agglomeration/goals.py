@@ -230,7 +230,8 @@ _RATIO = 8
 """Default target: cells per part on the finest level, and parts per part on each further level. A larger
 value takes more multigrid iterations (benchmarks/solid_ratios.py)."""
 _COARSEST = 12
-"""Default target: number of parts on the coarsest level, up to a factor of √8."""
+"""Default target: number of parts on the coarsest level, up to a factor of √8. A convention: few enough to
+look at, and for a direct solver."""
 
 
 def default_sizes(n_cells: int) -> tuple[int, ...]:

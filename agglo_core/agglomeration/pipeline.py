@@ -164,4 +164,5 @@ class Pipeline(Rules):
         return self.goals(graph.n, mesh_size, lambda: frozen_int(np.bincount(rule_graph.components())))
 
 
+# The constructor of a dataclass exists only after the class statement.
 Pipeline.__init__ = suggest_keywords()(Pipeline.__init__)  # type: ignore[method-assign]

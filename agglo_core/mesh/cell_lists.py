@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from operator import index
 from typing import Any
@@ -30,9 +31,9 @@ class CellList(Sequence[Any]):
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._n} cells)"
 
+    @abstractmethod
     def _cell(self, c: int) -> Any:
         """Return the vertices of cell c, a number from 0 to n_cells - 1."""
-        raise NotImplementedError
 
 
 class PolygonList(CellList):

@@ -104,7 +104,7 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
 
 
 def _present_mesh(folder: Path, mesh: Mesh, tags: Mapping[str, Int]) -> FoamPart | None:
-    """Return the mesh of a folder ``polyMesh``, or None if cells, patches or zones differ."""
+    """Return the mesh of a folder ``polyMesh`` if it is ``mesh`` with its patches and zones, else None."""
     if not has_foam(folder, "faces"):
         return None
     try:

@@ -1,4 +1,4 @@
-"""Matrix parts for κ = 1, kept between problems: a coefficient constant in each cell only scales them."""
+"""Matrix parts for κ = 1, reused for coefficients that are constant in each cell and only scale them."""
 
 from __future__ import annotations
 
