@@ -17,6 +17,7 @@ from agglo_core.agglomeration.levels.recursion import recursive_levels
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, frozen_index, frozen_int, trusted_copy
 from agglo_core.graph import Graph
+from agglo_core.graph.frame import moving_frame
 from agglo_core.graph.ordering import curve_order
 from agglo_core.progress import phase
 
@@ -30,7 +31,7 @@ def compute_levels(
     """
     with run.statistics.timed("order"), phase(run.progress, "ordering the cells"):
         # 1. Renumber the graph along the curve.
-        order = curve_order(graph.centroids)
+        order = curve_order(graph.centroids, moving_frame(graph.centroids, graph.weights))
         ordered = graph.subgraph(order, frozen_int([0, graph.n]))
         if any(goal.limit < np.inf for goal in goals):  # only size goals read the points regularly
             ordered = _with_points_as_met(ordered)

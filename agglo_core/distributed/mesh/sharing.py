@@ -26,7 +26,7 @@ Above, blocks are cut, and labels depend on the number of ranks (benchmarks/scal
 
 
 def _along_curve(centroids: Float, size: int) -> Int:
-    """Assign cells to ranks by intervals on a Morton curve."""
+    """Assign cells to ranks by intervals on a Hilbert curve."""
     rank = np.empty(len(centroids), np.int64)
     rank[curve_order(centroids)] = np.arange(len(rank)) * size // len(rank)
     return frozen_int(rank)

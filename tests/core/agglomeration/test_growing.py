@@ -226,7 +226,7 @@ class Keeps:
 
 
 def test_broken_growth_is_refused_unless_the_polish_connects_it() -> None:
-    graph, broken = samples.squares(4).graph, np.repeat([0, 1, 1, 0], 4)  # quadrants
+    graph, broken = samples.squares(4).graph, np.repeat([0, 1, 0, 1], 4)  # quadrants along the curve
     with pytest.raises(PluginError, match=r"bisector Grows.*left a part disconnected"):
         agglo.agglomerate(graph, bisector=Grows(broken), n_parts=2, post_refiners=(Keeps(),))
     polished = agglo.agglomerate(graph, bisector=Grows(broken), n_parts=2).levels[0]

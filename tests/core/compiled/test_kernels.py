@@ -23,10 +23,8 @@ from scipy.spatial.distance import pdist
 from agglo_core import Graph, Mesh, samples
 from agglo_core.agglomeration.halves import broken_halves
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int, splitmix
-from agglo_core.compiled.curve_keys import curve_keys
 from agglo_core.compiled.geometry import block_diameters, compare_diameters
 from agglo_core.compiled.graphs import broken_blocks, child_order, components, take_rows
-from agglo_core.graph.ordering import curve_order
 from agglo_core.mesh.geometry.loops import faces_of_cells
 from agglo_core.mesh.kernels.face_sums import add_faces
 from agglo_core.mesh.kernels.faces import match_half_edges
@@ -222,24 +220,6 @@ def test_nodes_by_component(seed: int) -> None:
     assert found.tolist() == [spare > 0 for spare in pieces]
     component = graph.components(labels)
     assert [np.flatnonzero(component == c).tolist() for c in range(len(wanted))] == wanted
-
-
-@settings(max_examples=30, deadline=None)
-@given(SEEDS, st.sampled_from([2, 3]))
-def test_keys_along_a_curve(seed: int, dim: int) -> None:
-    """The bits of the steps along the axes take turns."""
-    points = np.random.default_rng(seed).random((20, dim)) * 3.0 - 1.0
-    bits = 16 if dim == 2 else 10
-    low, extent = points.min(axis=0), float(np.ptp(points, axis=0).max())
-    steps = ((points - low) * ((2**bits - 1) / extent)).astype(int)
-    wanted = [
-        sum((int(x) >> b & 1) << dim * b + k for b in range(bits) for k, x in enumerate(p)) for p in steps
-    ]
-    keys = np.empty(20, np.uint64)
-    curve_keys(frozen_float(points), keys)
-    assert (keys >> np.uint64(32)).tolist() == wanted
-    assert (keys & np.uint64(2**32 - 1)).tolist() == list(range(20))
-    assert curve_order(points).tolist() == sorted(range(20), key=lambda i: (wanted[i], i))
 
 
 @settings(max_examples=50, deadline=None)
