@@ -13,8 +13,17 @@ from agglo_core.graph import Graph
 from agglo_core.refine.compactness.strips import slices, strip_order
 from agglo_core.threads import mapped, thread_count
 
-_SWEEPS = 12
-"""Maximum number of sweeps. Blocks with little gain stop earlier (``list_due_cells`` in ``state.py``).
+_ROUNDS = {2: (0.0, 1.5), 3: (2.0, 1.0, 1.0)}
+"""Exponents of the interface in the rounds, relative to that of the objective.
+
+Each round visits all boundary cells again. In 2-D the first round moves cells far, as nothing but
+compactness counts. In 3-D it would lengthen the interface, so the first round shortens it instead. More
+rounds leave parts more compact, and take longer (benchmarks/polish.py).
+"""
+
+_SWEEPS = 24
+"""Maximum number of sweeps in a round, even. Rounds with little gain end earlier (``list_due_cells`` in
+``state.py``).
 
 More sweeps leave parts more compact, and take longer (benchmarks/polish.py).
 """
@@ -51,34 +60,61 @@ def sweep_blocks(graph: Graph, labels: Int, block: Int, alpha: float, floor: flo
     #    other.
     by_turns = tuple(_slices(starts, shift, graph.dim) for shift in range(2))
     workspace = np.zeros((n, 2), np.int32), np.zeros(k + 1, np.int32), np.empty(n, np.int32)
-    state = State(parts, tally, blocks, due, *workspace, np.zeros((count, 2)), np.ones(count, bool))
-    sweep_args = alpha, limit, *_reach(graph, parts, k, limit)
+    sorted_block, going = frozen_int(block[order]), np.ones(count, bool)
+    gains, at_first = np.zeros((count, 2)), np.zeros(count)
+    state = State(parts, sorted_block, tally, blocks, due, *workspace, gains, going, at_first)
+    exponents = frozen_float([alpha * factor for factor in _ROUNDS[graph.dim]])
+    entry, sweep_args = blocks.copy(), (limit, *_reach(graph, parts, k, limit))
     # 4. Run the sweeps, and restore the old part numbers.
     if thread_count() == 1:
-        sweep_all(cells, state, _work(n, k), *by_turns, _SWEEPS, *sweep_args)
+        sweep_all(cells, state, _work(n, k), *by_turns, exponents, _SWEEPS, *sweep_args)
     else:
-        _sweep_in_parallel(cells, state, by_turns, sweep_args)
-    return frozen_int(order.take(parts))
+        _sweep_in_parallel(cells, state, by_turns, exponents, sweep_args)
+    result = order.take(parts)
+    # 5. Blocks whose objective has increased keep their labels.
+    for each in by_turns:
+        np.add.at(blocks, each.rows[:, 4], each.gains)  # the gains of the last sweep
+    worse = _objective(blocks, alpha) > _objective(entry, alpha)
+    if worse.any():
+        kept = worse[block[labels]]
+        result[kept] = labels[kept]
+    return frozen_int(result)
 
 
-def _sweep_in_parallel(cells: Any, state: Any, by_turns: Any, sweep_args: tuple[Any, ...]) -> None:
+def _objective(blocks: Any, alpha: float) -> Float:
+    """Return J · L^α of each block, where the columns of ``blocks (B, 2)`` are J and L."""
+    value: Float = np.maximum(blocks[:, 0], 0.0) * np.maximum(blocks[:, 1], 0.0) ** alpha
+    return value
+
+
+def _sweep_in_parallel(
+    cells: Any, state: Any, by_turns: Any, exponents: Float, sweep_args: tuple[Any, ...]
+) -> None:
     """Run the sweeps of ``sweep_all`` in several threads, each on some of the slices."""
     from agglo_core.refine.compactness.state import list_due_cells
     from agglo_core.refine.compactness.sweeps import sweep_slices
 
-    threads = thread_count()
+    threads, n_listed = thread_count(), 0
     work = [_work(len(state.parts), len(state.tally)) for _ in range(threads)]
-    for sweep in range(_SWEEPS):
+    for sweep in range(len(exponents) * _SWEEPS):
+        alpha, begins = exponents[sweep // _SWEEPS], sweep % _SWEEPS == 0
         slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
-        n_listed = list_due_cells(state, work[0], sweep, before, sweep_args[0])
+        if begins or n_listed:
+            n_listed = list_due_cells(cells, state, work[0], sweep, begins, before, alpha)
         if n_listed == 0:
-            break
+            continue  # the round has ended
         ranges = _shares(slices.rows, state.first, threads if n_listed > _FEW else 1)
 
-        def make(start: int, stop: int, workspace: Any, sweep: int = sweep, slices: Any = slices) -> None:
-            sweep_slices(cells, state, workspace, slices, start, stop, sweep, *sweep_args)
+        def visit(
+            start: int,
+            stop: int,
+            workspace: Any,
+            slices: Any = slices,
+            turn: tuple[int, float] = (sweep, alpha),
+        ) -> None:
+            sweep_slices(cells, state, workspace, slices, start, stop, *turn, *sweep_args)
 
-        list(mapped(make, *zip(*ranges, strict=True), work[: len(ranges)]))
+        list(mapped(visit, *zip(*ranges, strict=True), work[: len(ranges)]))
 
 
 def _work(n: int, k: int) -> Any:

@@ -21,7 +21,8 @@ class CompactnessRefiner:
     matters. Sweeps of single-cell moves visit the boundary cells of all parts until no move pays. They visit
     parts, and the cells in each part, along an axis of the block, so the result does not depend on cell
     numbering. No part is emptied or disconnected, and no part falls below ``floor`` times its measure at
-    entry. With a size target, no move makes a part wider than the target.
+    entry, or changes by the measure of more than 12 mean cells. With a size target, no move makes a part
+    wider than the target.
 
     Parameters
     ----------

