@@ -153,6 +153,7 @@ from agglo_core.protocols import (
     Smoother as Smoother,
     Target as Target,
 )
+from agglo_core.refine.compactness.refiner import CompactnessRefiner as CompactnessRefiner
 from agglo_core.refine.connectivity import ConnectivityFixer as ConnectivityFixer
 from agglo_core.refine.interface import InterfaceRefiner as InterfaceRefiner
 from agglo_core.registry import (

@@ -57,7 +57,8 @@ class Timed:
 class Statistics:
     """Statistics of a run: counts, and CPU seconds by phase.
 
-    ``time_limits`` counts the searches that a time limit ended.
+    ``time_limits`` counts the searches that a time limit ended, ``curve_levels`` the levels that started as
+    runs of a space-filling curve.
     """
 
     depth: int = 0
@@ -68,6 +69,7 @@ class Statistics:
     split_parts: int = 0
     small_parts: int = 0
     time_limits: int = 0
+    curve_levels: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
 
     def timed(self, phase: str) -> Timed:

@@ -208,7 +208,7 @@ def test_a_listener_may_stop_a_run_in_several_threads() -> None:
 
     before = threading.active_count()
     with pytest.raises(KeyboardInterrupt):
-        agglo.agglomerate(samples.squares(280), cells_per_part=30, progress=listen, threads=2)
+        agglo.agglomerate(samples.squares(280), h_factor=4.0, progress=listen, threads=2)
     assert threading.active_count() == before
 
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol, cast, runtime_checkable
 
-import numpy as np
-
 from agglo_core.agglomeration.border import check_split, check_split_to_size
 from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal
+from agglo_core.agglomeration.levels.curve import cut_curve, level_quotas, replaces_bisections, suits_curve
 from agglo_core.agglomeration.levels.polishing import PostPass
 from agglo_core.agglomeration.run import Run
-from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
+from agglo_core.arrays import Int, UInt64
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.progress import Tell, phase
@@ -57,6 +56,14 @@ class RestartedGrowth(Growth, Protocol):
 
 
 @runtime_checkable
+class CurveStart(Protocol):
+    """Optional interface of a bisector: allow levels to start from runs of a space-filling curve."""
+
+    def allows_curve(self, refiners: Sequence[Any], fixer: Any, post_refiners: Sequence[Any]) -> bool:
+        """Return True if polished runs may replace polished bisections with these components."""
+
+
+@runtime_checkable
 class Growing(Protocol):
     """Optional interface of a bisector: make, refine and fix all splits itself."""
 
@@ -73,28 +80,34 @@ def grow_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -
 
     The result is None if the bisector has no method ``grow``, declines the run's components, depends on the
     target, or does not support a goal. The coarsest level comes first in the computation. Each level's parts
-    are the initial pieces for the next level.
+    are the initial pieces for the next level. Runs of the curve replace calls where they are as good.
     """
     # 1. Growth serves only bisectors that do not depend on the target.
     if any(run.for_target(goal.target) is not run for goal in goals):
         return None
-    # 2. Request a growth object for the connected components.
-    labels = graph.components()
-    growth = _request_growth(graph, labels, run)
-    if growth is None or not all(_serves(growth, goal) for goal in goals):
-        return None
-    # 3. Split the pieces level by level, coarsest first. Post-passes change the pieces, so growth restarts.
+    labels, on_curve = graph.components(), replaces_bisections(run, post)
+    growth: Growth | None = None
     result: list[Int] = []
     for stage, goal in enumerate(reversed(goals)):
         level_run = run.on_level(stage, len(goals))
-        if stage and post.active:
-            growth = _restart_growth(graph, labels, growth, level_run)
-        if growth is None:
-            raise PluginError(f"{run.bisector.title} grew one level of the run, but declined the next")
-        parts = _split(graph, labels, goal, growth, level_run, stage, tested=not post.polish)
+        # 2. Cut the curve into runs where this is as good.
+        if on_curve and suits_curve(goal, graph, labels):
+            parts, tested = cut_curve(graph, labels, goal, level_run), True
+        # 3. Otherwise split the pieces. Post-passes change the pieces, so growth restarts.
+        else:
+            if growth is None:
+                growth = _request_growth(graph, labels, level_run)
+            elif post.active:
+                growth = _restart_growth(graph, labels, growth, level_run)
+            if growth is None or not all(_serves(growth, each) for each in goals):
+                if stage == 0:
+                    return None
+                raise PluginError(f"{run.bisector.title} grew one level of the run, but declined the next")
+            parts = _split(graph, labels, goal, growth, level_run, stage, tested=not post.polish)
+            tested = not post.polish
         if stage == len(goals) - 1:
             growth = None  # free its arrays before the post-passes
-        labels = post.apply(graph, labels, parts, goal, level_run, stage, tested=not post.polish)
+        labels = post.apply(graph, labels, parts, goal, level_run, stage, tested=tested)
         result.append(labels)
     return result[::-1]
 
@@ -112,7 +125,7 @@ def _request_growth(graph: Graph, pieces: Int, run: Run) -> Growth | None:
     return made
 
 
-def _restart_growth(graph: Graph, pieces: Int, growth: Growth | None, run: Run) -> Growth | None:
+def _restart_growth(graph: Graph, pieces: Int, growth: Growth, run: Run) -> Growth | None:
     """Return a growth object that starts from the given pieces."""
     restart = getattr(growth, "restart", None)
     if restart is None:
@@ -139,7 +152,7 @@ def _split(
     with run.statistics.timed("grow"), phase(run.progress, "agglomerating") as tell:
         # Counts: each piece has a quota. Sizes: split to the size, and record single cells that are wider.
         if isinstance(goal, CountGoal):
-            quotas = _quotas(graph, labels, goal)
+            quotas = level_quotas(graph, labels, goal)
             with attributed(owner.title):
                 raw_labels, depths = growth.split(quotas, seeds, tell)
             parts = check_split(owner, graph, labels, quotas, raw_labels, tested=tested)
@@ -152,9 +165,3 @@ def _split(
                 run.note_widths(parts, graph.wide_parts(parts, goal.limit), goal.limit)
         run.count_depths(depths)
     return parts
-
-
-def _quotas(graph: Graph, labels: Int, goal: CountGoal) -> Int:
-    if not labels.any():  # one piece, the usual case: a connected mesh
-        return goal.shares(frozen_float([graph.mass.sum()]), frozen_int([graph.n]))
-    return goal.shares(frozen_float(np.bincount(labels, graph.mass)), frozen_int(np.bincount(labels)))

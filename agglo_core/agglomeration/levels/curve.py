@@ -1,0 +1,71 @@
+"""Runs of the curve along which the cells are numbered, as the start of levels by part counts."""
+
+from __future__ import annotations
+
+from typing import TypeGuard
+
+import numpy as np
+
+from agglo_core.agglomeration.goals import CountGoal, Goal
+from agglo_core.agglomeration.levels.polishing import PostPass
+from agglo_core.agglomeration.run import Run
+from agglo_core.arrays import Int, frozen_float, frozen_int
+from agglo_core.graph import Graph
+from agglo_core.progress import phase
+from agglo_core.registry.attribution import attributed
+
+_ACROSS = 6
+"""Fewest parts along each axis of a block. With fewer, the polished runs are less round than polished
+bisections (benchmarks/curve.py)."""
+_CELLS = (7, 128)
+"""Smallest and largest mean number of cells per part. The polish cannot make runs of fewer cells round, as
+each move changes much, nor runs of more cells, as it moves few layers (benchmarks/curve.py)."""
+_STRETCHED = 1e-3
+"""Largest fraction of stretched cells. The polish leaves runs through stretched cells long
+(benchmarks/curve.py)."""
+
+
+def replaces_bisections(run: Run, post: PostPass) -> bool:
+    """Return True if the bisector allows levels of this run to start from runs of the curve."""
+    if not post.polish or not run.bisector.offers("allows_curve"):
+        return False
+    tools = [[member.tool for member in members] for members in (run.refiners, run.post_refiners)]
+    with attributed(run.bisector.title):
+        return bool(run.bisector.tool.allows_curve(tools[0], run.fixer.tool, tools[1]))
+
+
+def level_quotas(graph: Graph, blocks: Int, goal: CountGoal) -> Int:
+    """Return the number of parts for each of the connected ``blocks (n,)``."""
+    if not blocks.any():  # one block, the usual case: a connected mesh
+        return goal.shares(frozen_float([graph.mass.sum()]), frozen_int([graph.n]))
+    return goal.shares(frozen_float(np.bincount(blocks, graph.mass)), frozen_int(np.bincount(blocks)))
+
+
+def suits_curve(goal: Goal, graph: Graph, blocks: Int) -> TypeGuard[CountGoal]:
+    """Return True if polished runs of the curve are about as round as polished bisections of the ``blocks``.
+
+    This needs many parts, with several cells each, and few stretched cells.
+    """
+    from agglo_core.agglomeration.levels.curve_kernels import stretched_cells
+
+    if not isinstance(goal, CountGoal) or goal.quotas is not None or graph.dim not in (2, 3):
+        return False
+    fewest = _ACROSS**graph.dim * (int(blocks.max(initial=-1)) + 1)
+    if goal.parts < fewest or not _CELLS[0] <= graph.n / goal.parts <= _CELLS[1]:
+        return False
+    stretched = stretched_cells(graph.indptr, graph.indices, graph.centroids, graph.measures)
+    return bool(stretched <= _STRETCHED * graph.n)
+
+
+def cut_curve(graph: Graph, blocks: Int, goal: CountGoal, run: Run) -> Int:
+    """Divide each block into connected runs of about equal mass, and return the labels ``(n,)``."""
+    from agglo_core.agglomeration.levels.curve_kernels import connected_runs
+    from agglo_core.compiled.graphs import list_blocks
+
+    with run.statistics.timed("runs"), phase(run.progress, "cutting the curve"):
+        quotas = level_quotas(graph, blocks, goal)
+        cells, offsets = list_blocks(blocks, frozen_int(np.arange(len(quotas))), len(quotas))
+        csr = graph.indptr, graph.indices, graph.interface
+        labels = connected_runs(*csr, graph.mass, cells, offsets, quotas)
+    run.statistics.curve_levels += 1
+    return frozen_int(labels)
