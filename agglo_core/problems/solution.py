@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from os import PathLike
 from typing import Any, TypeVar
 
 from agglo_core.arrays import Float
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import import_function
-from agglo_core.problems.discretisation import Discretisation, Samples
+from agglo_core.problems.discretisation import Discretisation, Problem, Samples
 from agglo_core.problems.iteration_history import empty_array, mean_contraction
 from agglo_core.problems.multigrid_level import LevelTable
 
@@ -128,7 +129,8 @@ class Solution:
       ``"assemble"``, ``"setup"`` and ``"solve"``;
     - ``choice``: chosen recipe, with reason;
     - ``advice``: hint at a better method;
-    - ``discretisation``, ``mesh``: interpretation of x, None for linear systems.
+    - ``problem``, ``discretisation``, ``mesh``: interpretation of x, the last two None for linear systems.
+      :func:`agglo_core.solve` adds them if the solver does not.
 
     ``rounding_limited`` is the third outcome beside converged and not converged: x misses ``tolerance``, but
     no solver in double precision does better. The evidence is ``backward_error``
@@ -168,6 +170,7 @@ class Solution:
     rounding_limited: bool = False
     discretisation: Discretisation | None = None
     mesh: Mesh | None = None
+    problem: Problem | None = None
 
     @property
     def outcome(self) -> str:
@@ -200,12 +203,66 @@ class Solution:
         >>> round(float(samples.values.max()), 2)  # in the middle of the square
         0.59
         """
+        how, mesh = self._interpretation()
+        return how.sample(mesh, self.x)
+
+    def errors(self) -> dict[str, float]:
+        """Return norms of the error against the problem's exact solution, as printed by ``agglo solve``.
+
+        Norms are absolute. The names are those of the discretisation: ``"l2"`` and ``"dg"`` for ``polydg``.
+
+        Raises
+        ------
+        OptionError
+            If the problem has no exact solution, or the solver does not interpret x, as for a linear system.
+
+        Examples
+        --------
+        >>> from agglo_core.problems.diffusion import sine
+        >>> errors = agglo.solve(agglo.samples.squares(8), sine(), degree=2).errors()
+        >>> sorted(errors), round(errors["l2"], 4)
+        (['dg', 'l2'], 0.0005)
+        """
+        how, mesh = self._interpretation()
+        if self.problem is None:
+            raise OptionError("the solver recorded no problem: call agglo.solve, which adds it")
+        norms = {name: float(value) for name, value in how.errors(self.problem, mesh, self.x).items()}
+        if not norms:
+            raise OptionError(
+                f"the problem of kind {self.problem.kind} has no exact solution to compare with, such as "
+                "Diffusion(…, exact=u) has"
+            )
+        return norms
+
+    def write(self, path: str | PathLike[str]) -> None:
+        """Write the solution for ParaView, sampled in every cell, as ``agglo solve -o`` does.
+
+        Parameters
+        ----------
+        path : path-like
+            File with the suffix ``.vtu``. An existing file is replaced.
+
+        Raises
+        ------
+        FileError
+            For another suffix, or a file that cannot be written.
+        OptionError
+            If the solver does not interpret x, as for a linear system.
+
+        Examples
+        --------
+        >>> agglo.solve(agglo.samples.squares(8), degree=1).write("u.vtu")
+        """
+        _, mesh = self._interpretation()
+        import_function("agglo_core.io.vtk.solution:write_solution")(path, mesh, self.samples())
+
+    def _interpretation(self) -> tuple[Discretisation, Mesh]:
         if self.discretisation is None or self.mesh is None:
             raise OptionError(
                 "x can be evaluated on a mesh only for problems that the solver discretises, not for "
                 "linear systems; plot(convergence=True) shows the convergence"
             )
-        return self.discretisation.sample(self.mesh, self.x)
+        return self.discretisation, self.mesh
 
     def plot(
         self, ax: Any = None, *, convergence: bool = False, across: str = "z", cmap: str = "viridis"

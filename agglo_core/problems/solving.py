@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from inspect import signature
 from typing import Any
 
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
-from agglo_core.problems.choosing import require_accepted
+from agglo_core.problems.choosing import discretisation_of, require_accepted
 from agglo_core.problems.diffusion import Diffusion
 from agglo_core.problems.discretisation import Problem
 from agglo_core.problems.solution import Solution
@@ -119,6 +120,8 @@ def run_solver(
 ) -> Solution:
     """Run a solver, with progress reports if it supports them (``tells_progress``).
 
+    Problem, discretisation and mesh are added to the solution where the solver leaves them out.
+
     Raises
     ------
     AggloError
@@ -126,6 +129,7 @@ def run_solver(
     PluginError
         For any other exception, or a result other than a Solution.
     """
+    how = discretisation_of(solver.tool, problem)
     with unwrapped(progress) as listen, attributed(solver.title, spare=(AggloError,)):
         if getattr(solver.tool, "tells_progress", False):
             solution = solver.tool.solve(problem, hierarchy, progress=listen)
@@ -134,4 +138,8 @@ def run_solver(
                 solution = solver.tool.solve(problem, hierarchy)
     if not isinstance(solution, Solution):
         raise PluginError(f"{solver.title}: solve returned {shown(solution)}, expected a Solution")
-    return solution
+    meaning = {"problem": problem, "discretisation": how, "mesh": None if how is None else hierarchy.fine}
+    missing = {name: value for name, value in meaning.items() if getattr(solution, name) is None}
+    interpreted = copy(solution)  # dataclasses.replace would compute the deferred fields
+    vars(interpreted).update(missing)
+    return interpreted

@@ -40,7 +40,7 @@ class FineSystem(NamedTuple):
     offset. Vectors are ``factor`` times the problem's vectors, a power of two that avoids over- and underflow
     of squares, and 1 for moderate data. The matrix is ``matrix_factor`` times the problem's matrix, hence x
     is factor / matrix_factor times the problem's solution. ``sigma (n_faces,)`` is the jump penalty of
-    discretised problems. ``meaning`` holds the discretisation, which interprets unknowns, and the mesh.
+    discretised problems. ``meaning`` holds what interprets unknowns: discretisation, mesh and problem.
     """
 
     A: Any
@@ -51,7 +51,7 @@ class FineSystem(NamedTuple):
     offset: Float | None = None
     factor: float = 1.0
     sigma: Float | None = None
-    meaning: tuple[Any, Mesh] | None = None
+    meaning: tuple[Any, Mesh, Problem] | None = None
     matrix_factor: float = 1.0
 
     def solution(
@@ -63,7 +63,7 @@ class FineSystem(NamedTuple):
         if self.offset is not None:
             offset = self._solution_of_problem(self.offset)
             x, lifting = frozen_float(offset + x_rest), Lifting(offset, x_rest, unscaled(self.b, self.factor))
-        discretisation, mesh = self.meaning or (None, None)
+        discretisation, mesh, problem = self.meaning or (None, None, None)
         return Solution(
             x=x,
             A=unscaled_matrix(self.A, self.matrix_factor),
@@ -84,6 +84,7 @@ class FineSystem(NamedTuple):
             rounding_limited=history.ended == "rounding",
             discretisation=discretisation,
             mesh=mesh,
+            problem=problem,
         )
 
     def preconditioner(self, M: LinearOperator) -> LinearOperator:

@@ -133,7 +133,7 @@ class PolyDG:
             offset=offset if offset.any() else None,
             factor=factor,
             sigma=sigma,
-            meaning=(self, mesh),
+            meaning=(self, mesh, problem),
         )
 
     def matrix_kind(self, problem: Problem, fine: solvers.FineSystem) -> str:

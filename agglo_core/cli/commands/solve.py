@@ -273,10 +273,8 @@ def _sampler(task: _Task, solution: Solution) -> Callable[[], Samples]:
 
     @cache
     def sample_solution() -> Samples:
-        discretisation = task.posed.how
-        assert discretisation is not None  # checked before, if a file or picture is requested
         with attributed(task.title, spare=(AggloError,)):
-            return discretisation.sample(task.mesh, solution.x)
+            return solution.samples()
 
     return sample_solution
 

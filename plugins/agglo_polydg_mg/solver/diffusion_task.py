@@ -68,7 +68,7 @@ class DiffusionTask:
         self.numbering = numbering or numbering_for(hierarchy)
         self.problem, self.hierarchy = self.numbering.problem(problem), self.numbering.hierarchy
         self.count, self._overrides, self._plan = count, overrides, plan
-        self._how, self._mesh = how, hierarchy.fine
+        self._how, self._mesh, self._problem = how, hierarchy.fine, problem
         try:
             self.basis: Basis = how.basis(self.numbering.mesh) if units is None else units.basis
             self.fine = how.fine_system(self.problem, solvers.own_mesh(self.hierarchy), self.basis, units)
@@ -240,7 +240,8 @@ class DiffusionTask:
 
     def given_back(self, solution: Solution) -> Solution:
         """Return the solution on the user's mesh, in the user's numbering."""
-        return self.numbering.solution(replace(solution, discretisation=self._how, mesh=self._mesh))
+        meaning = {"discretisation": self._how, "mesh": self._mesh, "problem": self._problem}
+        return self.numbering.solution(replace(solution, **meaning))
 
     def unsolved(self, reason: str) -> list[History]:
         """Return the convergence history of an iteration that could not start."""

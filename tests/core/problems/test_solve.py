@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,8 +13,10 @@ from scipy import sparse
 from scipy.sparse.linalg import cg, spsolve
 
 import agglo_core as agglo
-from agglo_core import Diffusion, OptionError
+from agglo_core import Diffusion, FileError, OptionError
+from agglo_core.cli import main
 from agglo_core.problems import Solution
+from agglo_core.problems.solution import Deferred
 
 MESH = agglo.samples.voronoi(120, seed=1)
 PROBLEM = Diffusion(kappa=2.0, source=lambda x: x[:, 0])
@@ -67,6 +72,65 @@ def test_a_solution_prints_its_outcome_and_its_levels() -> None:
     rows = repr(solution.levels).splitlines()
     assert rows[0].split() == ["level", "unknowns", "entries"]
     assert [row.split()[1] for row in rows[1:]] == [str(A.shape[0]) for A, _ in solution.operators]
+
+
+def test_errors_are_norms_against_the_exact_solution_for_every_solver() -> None:
+    hierarchy = agglo.agglomerate(MESH, n_parts=(30, 8))
+    cubic = Diffusion(source=lambda x: -6.0 * x[:, 0], dirichlet={0: _cube}, exact=_cube)
+    for solver in ("polydg_mg", "direct", "polydg_mg_paper", "polydg_cg"):
+        errors = agglo.solve(hierarchy, cubic, solver, degree=3, tolerance=1e-10).errors()
+        assert set(errors) == {"l2", "dg"}
+        assert 0.0 < errors["l2"] < errors["dg"] < 1e-5  # cubic polynomials are in the space
+    shifted = Diffusion(source=cubic.source, dirichlet={0: _cube}, exact=lambda x: _cube(x) + 2.0)
+    solution = agglo.solve(hierarchy, cubic, degree=3, tolerance=1e-10)
+    offset = replace(solution, problem=shifted).errors()
+    assert offset["l2"] == pytest.approx(2.0 * np.sqrt(MESH.cell_measures.sum()), rel=1e-6)
+
+
+def _cube(points: Any) -> Any:
+    return points[:, 0] ** 3
+
+
+def test_solve_adds_the_interpretation_that_a_solver_leaves_out() -> None:
+    class Bare:
+        needs_levels = False
+        discretisation = agglo.registry.default().build("discretisation", "polydg", degree=1)
+
+        def solve(self, problem: Any, hierarchy: Any) -> Solution:
+            solution = agglo.solve(hierarchy, problem, "direct", degree=1)
+            return replace(solution, A=Deferred(_fail), problem=None, discretisation=None, mesh=None)
+
+    solution = agglo.solve(MESH, Diffusion(dirichlet={0: _cube}, exact=_cube), Bare())
+    assert solution.discretisation is Bare.discretisation
+    assert (solution.mesh, set(solution.errors())) == (MESH, {"l2", "dg"})
+    assert isinstance(vars(solution)["A"], Deferred)  # not computed
+
+
+def _fail() -> None:
+    raise AssertionError("computed without need")
+
+
+def test_errors_and_files_need_an_exact_solution_and_a_discretisation(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match=r"kind diffusion has no exact solution .* Diffusion\(…, exact=u\)"):
+        agglo.solve(MESH, degree=1).errors()
+    linear = agglo.solve(MESH, agglo.Linear.example(MESH), "direct")
+    for attempt in (linear.errors, partial(linear.write, tmp_path / "u.vtu")):
+        with pytest.raises(OptionError, match="not for linear systems"):
+            attempt()
+    with pytest.raises(FileError, match=r"u.npz: a solution can only be written as .vtu"):
+        agglo.solve(MESH, degree=1).write(tmp_path / "u.npz")
+
+
+def test_a_solution_is_written_as_by_the_command_line(tmp_path: Path) -> None:
+    source, ours, theirs = (tmp_path / name for name in ("mesh.npz", "ours.vtu", "theirs.vtu"))
+    agglo.write(source, MESH)
+    solution = agglo.solve(agglo.read(source), Diffusion(source=8.0), "direct", degree=1)
+    solution.write(ours)
+    arguments = f"{source} --solver direct --degree 1 --no-cg -o {theirs}".split()
+    with pytest.raises(SystemExit) as ended:
+        main(["solve", *arguments])
+    assert ended.value.code == 0
+    assert ours.read_bytes() == theirs.read_bytes()
 
 
 def of_blocks() -> tuple[Any, Any, Any]:
