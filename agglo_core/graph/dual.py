@@ -185,14 +185,15 @@ class Graph(BlockGraph):
         """Build the graph of a sparse matrix: a node for each unknown, an edge for each pair of entries.
 
         The diagonal and stored zeros are ignored. Nodes i and j are joined if a_ij or a_ji is not 0, with the
-        interface ``(|a_ij| + |a_ji|) / 2``. Measures are 1.
+        interface ``(|a_ij| + |a_ji|) / 2``. Measures are 1. The nodes of a BSR matrix with square blocks are
+        these blocks, and its interfaces are sums over their entries.
 
         Parameters
         ----------
         A : (n, n) sparse
             Matrix or array of :mod:`scipy.sparse` in any format, also unsymmetric.
         points : (n, 2 or 3) float, optional
-            Coordinates of the unknowns. By default all are 0. Then :func:`agglo_core.agglomerate` requires
+            Coordinates of the nodes. By default all are 0. Then :func:`agglo_core.agglomerate` requires
             counts (``n_parts``, ``cells_per_part``) and a bisector that uses edges only, such as ``spectral``
             or ``metis``.
 

@@ -45,9 +45,10 @@ def build_levels(
     hierarchy : Hierarchy, optional
         Hierarchy with agglomerates to use as aggregates, where block c holds the unknowns of cell c. By
         default, aggregates come from the matrix graph.
-    block_offsets : (blocks + 1,) int, optional
-        Block c has the unknowns ``block_offsets[c]:block_offsets[c + 1]``. Default: single unknowns, or
-        with a hierarchy n / n_cells unknowns per block.
+    block_offsets : (blocks + 1,) int or int, optional
+        Block c has the unknowns ``block_offsets[c]:block_offsets[c + 1]``. A whole number is the size of
+        all blocks. Default: with a hierarchy n / n_cells unknowns per block, otherwise the blocks of a BSR
+        matrix, or single unknowns.
     near_null : (n, m) float, optional
         Near-null vectors of A, such as rigid motions. Default: constants.
 

@@ -38,6 +38,7 @@ from agglo_core.files.stored_matrices import (
 from agglo_core.mesh import Mesh
 from agglo_core.problems.real_arrays import (
     canonical_matrix,
+    offsets_of_blocks,
     protect_array,
     real_array,
     real_matrix,
@@ -61,36 +62,44 @@ class Linear:
         Matrix in CSR, or in BSR if given as BSR: sorted columns, no duplicates, read-only arrays.
     b : (n,) or (n, k) float
         One right-hand side, or several if the solver supports several.
-    block_offsets : (n_cells + 1,) int
-        Cell offsets. The number of unknowns may vary, and be zero, if the solver supports this.
+    block_offsets : (n_cells + 1,) int or int
+        Cell offsets. The number of unknowns may vary, and be zero, if the solver supports this. A whole
+        number is the number of unknowns in every cell. Default: the blocks of a BSR matrix are the cells,
+        otherwise every cell has one unknown.
     near_null : (n, m) float, optional
         Near-null vectors of A, such as constants and rigid motions.
 
     Raises
     ------
     OptionError
-        If ``block_offsets`` is not an array ``(n_cells + 1,)``, or indices in A are out of range.
+        If ``block_offsets`` is neither a block size that fits A nor an array ``(n_cells + 1,)``, or indices
+        in A are out of range.
 
     Examples
     --------
     >>> from scipy import sparse
     >>> A = sparse.diags_array(np.full(4, 2.0))
-    >>> agglo.Linear(A, np.ones(4), np.arange(5)).A.shape
-    (4, 4)
+    >>> agglo.Linear(A, np.ones(4)).block_offsets  # one unknown in each cell
+    array([0, 1, 2, 3, 4])
+    >>> agglo.Linear(A, np.ones(4), 2).block_offsets
+    array([0, 2, 4])
     """
 
     kind: ClassVar[str] = "linear"
 
     A: Any
     b: Float
-    block_offsets: Int
+    block_offsets: Int = None  # type: ignore[assignment]  # never None after construction
     near_null: Float | None = None
 
     def __post_init__(self) -> None:
+        A = self.A if hasattr(self.A, "shape") else np.asarray(self.A)
+        if len(A.shape) == 2:
+            object.__setattr__(self, "block_offsets", offsets_of_blocks(self.block_offsets, A))
         if np.ndim(self.block_offsets) != 1:
             raise OptionError(
-                f"block_offsets must be an array (n_cells + 1,), given {self.block_offsets!r:.60}; to use "
-                "a matrix file, name it in a problem file"
+                "block_offsets must be a number of unknowns per cell or an array (n_cells + 1,), given "
+                f"{self.block_offsets!r:.60}; to use a matrix file, name it in a problem file"
             )
         for name in ("A", "b", "block_offsets", "near_null"):
             value = getattr(self, name)
@@ -225,6 +234,25 @@ def _width(unknowns: Any, n: int, mesh: Mesh) -> int:
             f"the matrix has {n} rows"
         )
     return unknowns
+
+
+def require_cells(problem: Linear, cells: int) -> None:
+    """Raise OptionError unless the unknowns of a problem belong to ``cells`` cells.
+
+    Examples
+    --------
+    >>> from agglo_core.problems.linear import require_cells
+    >>> require_cells(agglo.Linear(np.diag([2.0, 2.0]), np.ones(2)), 3)
+    Traceback (most recent call last):
+        ...
+    agglo_core.errors.OptionError: the system has unknowns in 2 cells, but the hierarchy has 3 cells
+    """
+    given, unknowns = len(problem.block_offsets) - 1, int(problem.block_offsets[-1])
+    if given == cells:
+        return
+    size, rest = divmod(unknowns, cells)
+    hint = f"; for {size} unknowns in every cell give Linear(A, b, {size})" if size and not rest else ""
+    raise OptionError(f"the system has unknowns in {given} cells, but the hierarchy has {cells} cells{hint}")
 
 
 def symmetric_system(problem: Linear) -> tuple[sparse.csr_array, Float]:

@@ -189,6 +189,39 @@ def real_array(name: str, given: Any) -> Float:
     return values.astype(np.float64)
 
 
+def offsets_of_blocks(block_offsets: Any, A: Any) -> Any:
+    """Return block offsets, computed from a block size or from the blocks of a matrix.
+
+    Parameters
+    ----------
+    block_offsets : int, (blocks + 1,) int or None
+        A whole number is the number of unknowns in every block. None stands for the square blocks of a BSR
+        matrix, or single unknowns for any other matrix. Arrays are returned unchecked.
+    A : (n, n) sparse or array
+
+    Raises
+    ------
+    OptionError
+        If the rows of A cannot be divided into blocks of this size.
+    """
+    size, n = block_offsets, A.shape[0]
+    if block_offsets is None:
+        size = block_size(A)
+    if isinstance(size, bool | np.bool_) or not isinstance(size, int | np.integer):
+        return block_offsets
+    if size < 1 or n % size:
+        raise OptionError(
+            f"block_offsets = {size} is a block size, but {n} unknowns cannot be divided into such blocks"
+        )
+    return np.arange(n // size + 1) * int(size)
+
+
+def block_size(A: Any) -> int:
+    """Return the size of the square blocks of a BSR matrix, or 1 for any other matrix."""
+    rows, columns = A.blocksize if getattr(A, "format", "") == "bsr" else (1, 1)
+    return int(rows) if rows == columns else 1
+
+
 def require_finite(b: Float, A: Any) -> None:
     """Raise OptionError unless right-hand side and matrix are finite."""
     if not (np.isfinite(b).all() and np.isfinite(A.data).all()):

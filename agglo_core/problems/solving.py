@@ -85,7 +85,7 @@ def solve(
     problem = Diffusion() if problem is None else problem
     if isinstance(problem, type) or not hasattr(problem, "kind"):
         raise OptionError(
-            "a problem must be an object such as Diffusion(source=1.0) or Linear(A, b, offsets), given "
+            "a problem must be an object such as Diffusion(source=1.0) or Linear(A, b), given "
             f"{shown(problem)}"
         )
     member = _member(solver, options, registry)

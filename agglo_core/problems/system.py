@@ -11,7 +11,14 @@ from scipy import sparse
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int, index_cast, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
-from agglo_core.problems.real_arrays import real_array, real_matrix, require_finite, require_symmetric
+from agglo_core.problems.real_arrays import (
+    block_size,
+    offsets_of_blocks,
+    real_array,
+    real_matrix,
+    require_finite,
+    require_symmetric,
+)
 from agglo_core.problems.residuals.row_scales import row_sizes
 
 _SUSPECT = 1e-11
@@ -29,9 +36,10 @@ class System:
         read-only arrays.
     b : (n,) or (n, k) float
         One or several right-hand sides.
-    block_offsets : (blocks + 1,) int
-        Block c has the unknowns ``block_offsets[c]:block_offsets[c + 1]``, at least one. Default: single
-        unknowns. With a mesh, blocks are its cells.
+    block_offsets : (blocks + 1,) int or int
+        Block c has the unknowns ``block_offsets[c]:block_offsets[c + 1]``, at least one. A whole number is
+        the size of all blocks. Default: the blocks of a BSR matrix, else single unknowns. With a mesh,
+        blocks are its cells.
     mesh : Mesh, optional
     near_null : (n, m) float, optional
         Near-null vectors of A, such as constants and rigid motions.
@@ -65,7 +73,7 @@ class System:
         near = None if self.near_null is None else _columns("near_null", self.near_null, A.shape[0], (2,))
         if near is not None and not np.isfinite(near).all():
             raise OptionError("near_null holds values that are not finite")
-        offsets = _offsets(self.block_offsets, A.shape[0], self.mesh)
+        offsets = _offsets(self.block_offsets, A, self.mesh)
         for name, value in (("A", A), ("b", b), ("block_offsets", offsets), ("near_null", near)):
             object.__setattr__(self, name, value)
 
@@ -118,16 +126,18 @@ def _columns(name: str, array: Any, n: int, dimensions: tuple[int, ...]) -> Floa
     return frozen_float(values)
 
 
-def _offsets(block_offsets: Any, n: int, mesh: Mesh | None) -> Int:
-    if block_offsets is None and (mesh is None or mesh.n_cells == n):
+def _offsets(block_offsets: Any, A: Any, mesh: Mesh | None) -> Int:
+    n, cells = A.shape[0], None if mesh is None else mesh.n_cells
+    if block_offsets is None and cells == n:
         return frozen_int(np.arange(n + 1))
-    cells = None if mesh is None else mesh.n_cells
-    if block_offsets is None:
+    if block_offsets is None and cells not in (None, n // block_size(A)):
         raise OptionError(f"block_offsets are required: they assign the {n} unknowns to the {cells} cells")
+    block_offsets = offsets_of_blocks(block_offsets, A)
     values = plain_array(block_offsets, "block_offsets", OptionError)
     if values.ndim != 1 or values.dtype.kind not in "iu" or not len(values):
         raise OptionError(
-            f"block_offsets must be whole numbers of shape (blocks + 1,), given {block_offsets!r:.60}"
+            "block_offsets must be a block size or whole numbers of shape (blocks + 1,), given "
+            f"{block_offsets!r:.60}"
         )
     fit = values[0] == 0 and values[-1] == n and (np.diff(values.astype(np.int64)) > 0).all()
     if not fit:

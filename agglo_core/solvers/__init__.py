@@ -1,6 +1,7 @@
 """Direct solver, plain conjugate gradients, and helpers shared with the solvers of plugins."""
 
 from agglo_core.problems.iteration_history import unsolved
+from agglo_core.problems.linear import require_cells
 from agglo_core.solvers.advice import Kind, advice_of_multigrid
 from agglo_core.solvers.fine_system import (
     CELLS_PER_PART,
@@ -41,6 +42,7 @@ __all__ = [
     "factor_for",
     "fine_system",
     "own_mesh",
+    "require_cells",
     "require_count",
     "require_fraction",
     "require_name",

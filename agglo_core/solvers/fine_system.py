@@ -15,7 +15,7 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Lifting, Linear, Problem, Solution
 from agglo_core.problems.iteration_history import History
-from agglo_core.problems.linear import symmetric_system
+from agglo_core.problems.linear import require_cells, symmetric_system
 from agglo_core.problems.residuals.row_scales import lifted, row_measure
 from agglo_core.registry import Registry, default
 from agglo_core.registry.construct import resolve
@@ -161,9 +161,8 @@ def _system_of_problem(problem: Linear, n: int) -> FineSystem:
 
 def _width(problem: Linear, n: int) -> int:
     """Return the number of unknowns per cell, equal in all ``n`` cells, or raise OptionError."""
+    require_cells(problem, n)
     sizes = np.diff(problem.block_offsets)
-    if len(sizes) != n:
-        raise OptionError(f"the system has unknowns in {len(sizes)} cells, but the hierarchy has {n} cells")
     if sizes.min() != sizes.max() or sizes[0] == 0:
         raise OptionError(
             f"every cell must have the same number of unknowns; given {sizes.min()} to {sizes.max()}"

@@ -15,6 +15,7 @@ from agglo_core.multigrid import is_classical, stack_of_system
 from agglo_core.multigrid.krylov.pcg import pcg_columns
 from agglo_core.problems import Linear, Solution, System
 from agglo_core.problems.iteration_history import TESTS, History, unsolved
+from agglo_core.problems.linear import require_cells
 from agglo_core.problems.residuals.sizes import two_norm
 from agglo_core.progress import Tell
 from agglo_core.solvers.advice import advice_of_multigrid
@@ -53,10 +54,7 @@ class LinearTask:
             )
         offsets, cells = np.asarray(problem.block_offsets), hierarchy.graph.n
         self._cells = cells
-        if len(offsets) != cells + 1:
-            raise OptionError(
-                f"the system has unknowns in {len(offsets) - 1} cells, but the hierarchy has {cells} cells"
-            )
+        require_cells(problem, cells)
         # Cells without unknowns have no block.
         block_cells = np.flatnonzero(np.diff(offsets) != 0)
         self._equal = len(block_cells) == cells and len(set(np.diff(offsets).tolist())) == 1

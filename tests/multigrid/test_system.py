@@ -76,7 +76,7 @@ REFUSED = {
     "ends early": (lambda: System(A, b, [0, 2, 5]), "increase from 0 to the number of unknowns 6"),
     "falls": (lambda: System(A, b, [0, 4, 2, 6]), "increase from 0"),
     "empty block": (lambda: System(A, b, [0, 3, 3, 6]), "increase from 0"),
-    "halves": (lambda: System(A, b, [0.0, 3.0, 6.0]), "block_offsets must be whole numbers"),
+    "halves": (lambda: System(A, b, [0.0, 3.0, 6.0]), "block_offsets must be a block size or whole numbers"),
     "flat near_null": (lambda: System(A, b, near_null=np.ones(6)), r"near_null must have the shape \(6, k\)"),
     "NaN near_null": (lambda: System(A, b, near_null=np.full((6, 1), np.nan)), "near_null holds"),
 }

@@ -121,8 +121,9 @@ def aggregation_stack(
         labels in more than two pieces on average, as for a coefficient that jumps from cell to cell.
     near_null : (n, k) or (n,) float, optional
         Near-null vectors of A. Default: constants, one vector per unknown of a part.
-    block_offsets : (parts + 1,) int, optional
-        Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``. Default: single unknowns.
+    block_offsets : (parts + 1,) int or int, optional
+        Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``. A whole number is the size of all
+        parts. Default: the blocks of a BSR matrix, else single unknowns.
     theta : float
         A coupling between parts i and j is strong if above θ times the value of ν equal couplings:
         −a_ij > θ max(a_ii, a_jj) / ν, with the mean number ν of neighbours, at least 6. Blocks are

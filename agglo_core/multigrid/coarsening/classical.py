@@ -112,13 +112,13 @@ def classical_stack(
     >>> [level.A.shape[0] for level in classical_stack(A, coarsest=200).levels]
     [1000, 500, 250, 125]
     """
-    matrix, _, vectors = check_system(A, None, near_null)
+    matrix, _, vectors = check_system(A, 1, near_null)
     # 1. Scale the matrix by the near-null vector.
     scale = _scale(matrix, None if near_null is None else vectors)
     D = None if scale is None else sparse.diags_array(scale)
     matrix = matrix if D is None else canonical(D @ matrix @ D)
     if guide is not None:
-        guide, *_ = check_system(guide, None, None)
+        guide, *_ = check_system(guide, 1, None)
         if guide.shape != matrix.shape:
             raise OptionError(f"guide has shape {guide.shape}; expected that of A, {matrix.shape}")
         guide = guide if D is None else canonical(D @ guide @ D)

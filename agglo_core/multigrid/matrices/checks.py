@@ -10,7 +10,7 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, Int, exact_cast, frozen, frozen_float, frozen_int, plain_array
 from agglo_core.errors import OptionError
-from agglo_core.problems.real_arrays import real_matrix
+from agglo_core.problems.real_arrays import offsets_of_blocks, real_matrix
 
 
 def canonical(A: Any) -> Any:
@@ -27,7 +27,7 @@ def canonical(A: Any) -> Any:
 
 
 def check_system(
-    A: Any, block_offsets: ArrayLike | None, near_null: ArrayLike | None
+    A: Any, block_offsets: ArrayLike | int | None, near_null: ArrayLike | None
 ) -> tuple[Any, Int, Float]:
     """Return matrix, block offsets and near-null vectors after a check, or raise OptionError."""
     # Matrix: finite, with positive diagonal.
@@ -44,9 +44,7 @@ def check_system(
         row = int(np.argmin(diagonal))
         raise OptionError(f"the diagonal of the matrix must be positive; row {row} has {diagonal[row]:g}")
     # Block offsets: increasing from 0 to n.
-    array = plain_array(
-        np.arange(n + 1) if block_offsets is None else block_offsets, "block_offsets", OptionError
-    )
+    array = plain_array(offsets_of_blocks(block_offsets, A), "block_offsets", OptionError)
     offsets = frozen_int(exact_cast(array, np.int64, "block_offsets", OptionError))
     if offsets.ndim != 1 or offsets[0] != 0 or offsets[-1] != n or (np.diff(offsets) < 1).any():
         raise OptionError(f"block_offsets must increase from 0 to {n}, the number of rows of the matrix")

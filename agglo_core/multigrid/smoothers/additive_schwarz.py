@@ -44,8 +44,9 @@ def additive_schwarz(
     ----------
     A : (n, n) sparse
         Symmetric positive (semi)definite matrix.
-    block_offsets : (parts + 1,) int or None
-        Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``. None for single unknowns.
+    block_offsets : (parts + 1,) int, int or None
+        Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``. A whole number is the size of all
+        parts. None for the blocks of a BSR matrix, else single unknowns.
     labels : (parts,) int
         Subdomain per part, 0..k−1: agglomerates of cells.
     overlap : int

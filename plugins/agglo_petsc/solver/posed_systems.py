@@ -113,11 +113,8 @@ def _pose_diffusion(
 def _pose_linear(problem: Linear, hierarchy: Hierarchy, levels: int | None) -> PosedSystem:
     matrix, b = symmetric_system(problem)
     offsets, cells = frozen_int(problem.block_offsets), hierarchy.graph.n
+    solvers.require_cells(problem, cells)
     sizes = np.diff(offsets)
-    if len(sizes) != cells:
-        raise OptionError(
-            f"the system has unknowns in {len(sizes)} cells, but the hierarchy has {cells} cells"
-        )
     if sizes.min() < 1:
         raise OptionError(f"every cell must have an unknown; cell {int(sizes.argmin())} has {sizes.min()}")
     near, factor = problem.near_null, solvers.factor_for(float(np.abs(b).max(initial=0.0)))

@@ -330,7 +330,7 @@ def test_a_graph_from_a_matrix_and_centroids() -> None:
 def test_a_graph_from_any_sparse_matrix(n: int, seed: int, form: str, container: type) -> None:
     rng = np.random.default_rng(seed)
     dense = rng.integers(-2, 3, (n, n)).astype(float)
-    A = container(dense).asformat(form)
+    A = container(dense).tobsr((1, 1)) if form == "bsr" else container(dense).asformat(form)
     graph, points = Graph.from_scipy(A), rng.random((n, 3))
     wanted = (abs(dense) + abs(dense.T)) / 2 * (1 - np.eye(n))
     np.testing.assert_array_equal(graph.to_scipy().toarray(), wanted)
@@ -349,6 +349,23 @@ def test_stored_zeros_are_no_edges_and_duplicates_add_up() -> None:
     assert (graph.indptr.tolist(), graph.indices.tolist()) == ([0, 1, 2, 2], [1, 0])
     assert graph.interface.tolist() == [1.5, 1.5]
     assert graph.components().tolist() == [0, 0, 1]
+
+
+def test_the_nodes_of_a_block_matrix_are_its_blocks() -> None:
+    rng = np.random.default_rng(5)
+    A = sparse.bsr_array(rng.normal(size=(12, 12)) * (rng.random((12, 12)) < 0.3), blocksize=(3, 3))
+    points = rng.random((4, 2))
+    graph = Graph.from_scipy(A, points)
+    sums = abs(A.toarray()).reshape(4, 3, 4, 3).sum(axis=(1, 3))
+    expected = (sums + sums.T) / 2 * (1 - np.eye(4))
+    np.testing.assert_allclose(graph.to_scipy().toarray(), expected, rtol=1e-14)
+    np.testing.assert_array_equal(graph.centroids + graph.origin, points)
+    assert Graph.from_scipy(A.tocsr()).n == 12
+    assert Graph.from_scipy(sparse.bsr_array(A, blocksize=(3, 2))).n == 12  # blocks that are not square
+    with pytest.raises(
+        MeshError, match=r"\(4, 2\) or \(4, 3\), one point for each block of A, not \(12, 2\)"
+    ):
+        Graph.from_scipy(A, rng.random((12, 2)))
 
 
 def test_unknowns_without_points_are_cut_by_their_couplings() -> None:

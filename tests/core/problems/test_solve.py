@@ -163,6 +163,47 @@ def test_levels_of_a_hierarchy_take_equal_blocks_without_offsets() -> None:
         agglo.build_levels(A[:-1, :-1], hierarchy)
 
 
+def test_blocks_come_from_their_size_or_from_a_bsr_matrix() -> None:
+    A, hierarchy, b = of_blocks()
+    offsets = np.arange(0, A.shape[0] + 1, 2)
+    rows, blocks = sparse.csr_array(A), sparse.bsr_array(A, blocksize=(2, 2))
+    expected = agglo.build_levels(rows, block_offsets=offsets)
+    for levels in (
+        agglo.build_levels(blocks),
+        agglo.build_levels(rows, block_offsets=2),
+        agglo.build_levels(blocks, block_offsets=np.int64(2)),
+    ):
+        assert np.array_equal(levels.system.block_offsets, offsets)
+        assert repr(levels) == repr(expected)
+        assert levels.solve(b).x == pytest.approx(expected.solve(b).x, rel=1e-6)
+    assert agglo.build_levels(blocks, block_offsets=1).system.width == 1
+    assert (
+        agglo.build_levels(sparse.bsr_array(A, blocksize=(2, 4))).system.width == 1
+    )  # no blocks of unknowns
+    for problem in (agglo.Linear(blocks, b), agglo.Linear(rows, b, 2)):
+        assert np.array_equal(problem.block_offsets, offsets)
+        assert agglo.solve(hierarchy, problem).converged
+    assert len(agglo.Linear(rows, b).block_offsets) == A.shape[0] + 1
+    for size in (0, 5, -2):
+        with pytest.raises(OptionError, match=f"{size} is a block size, but 1152 unknowns cannot"):
+            agglo.build_levels(rows, block_offsets=size)
+    for wrong in (True, 2.0, "2"):
+        with pytest.raises(OptionError, match="block_offsets must be a block size or whole numbers"):
+            agglo.build_levels(rows, block_offsets=wrong)
+        with pytest.raises(OptionError, match="must be a number of unknowns per cell or an array"):
+            agglo.Linear(rows, b, wrong)
+
+
+def test_the_error_for_another_number_of_cells_names_the_block_size() -> None:
+    A, hierarchy, b = of_blocks()
+    problem = agglo.Linear(sparse.csr_array(A), b)
+    for solver in ("polydg_mg", "direct"):
+        with pytest.raises(
+            OptionError, match=r"in 1152 cells, .* 2 unknowns in every cell give Linear\(A, b, 2\)"
+        ):
+            agglo.solve(hierarchy, problem, solver)
+
+
 @pytest.mark.parametrize("kind", ["V", "W"])
 def test_a_cycle_is_a_symmetric_preconditioner(kind: str) -> None:
     A, _, b = of_blocks()
