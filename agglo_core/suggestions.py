@@ -9,12 +9,21 @@ from functools import wraps
 from inspect import signature
 from typing import Any, ParamSpec, TypeVar
 
+_ELSEWHERE = {
+    "tol": ("tolerance",),
+    "rtol": ("tolerance",),
+    "maxiter": ("max_iterations", "most"),
+}
+"""Names of options in scipy and PyAMG -> names here, which are not similar."""
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
 
 def did_you_mean(name: str, names: Iterable[str], n: int = 1, cutoff: float = 0.6) -> str:
     """Return a hint to the closest names for an error message, empty if none is close.
+
+    For options named as in scipy or PyAMG the hint is the name used here.
 
     Parameters
     ----------
@@ -34,7 +43,9 @@ def did_you_mean(name: str, names: Iterable[str], n: int = 1, cutoff: float = 0.
     >>> did_you_mean(".vtx", [".npz", ".vtk", ".vtu"], 2)
     " (did you mean '.vtu' or '.vtk'?)"
     """
-    close = difflib.get_close_matches(name, list(names), n, cutoff)
+    known = list(names)
+    close = [here for here in _ELSEWHERE.get(name, ()) if here in known]
+    close = close[:n] or difflib.get_close_matches(name, known, n, cutoff)
     return f" (did you mean {' or '.join(map(repr, close))}?)" if close else ""
 
 

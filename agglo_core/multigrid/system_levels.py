@@ -18,9 +18,10 @@ from agglo_core.multigrid.coarsening.aggregation import aggregation_stack, block
 from agglo_core.multigrid.coarsening.classical import classical_stack
 from agglo_core.multigrid.coarsening.near_null import smoothed_near_null
 from agglo_core.multigrid.cycle import Kind, cycle
-from agglo_core.multigrid.krylov.pcg import pcg
-from agglo_core.multigrid.stack import LevelStack
+from agglo_core.multigrid.krylov.pcg import pcg, pcg_columns
+from agglo_core.multigrid.stack import Level, LevelStack
 from agglo_core.problems import Solution, System
+from agglo_core.problems.iteration_history import History, joint_outcome
 from agglo_core.problems.multigrid_level import LevelTable
 from agglo_core.problems.real_arrays import real_array
 from agglo_core.suggestions import suggest_keywords
@@ -175,6 +176,21 @@ class SystemLevels:
     stack: LevelStack
 
     @property
+    def levels(self) -> Sequence[Level]:
+        """Levels, finest first, with the matrix ``A``, the prolongation ``P`` and the smoother of each."""
+        return self.stack.levels
+
+    @property
+    def operator_complexity(self) -> float:
+        """Matrix entries of all levels divided by those of the finest level."""
+        return self.stack.operator_complexity
+
+    @property
+    def grid_complexity(self) -> float:
+        """Unknowns of all levels divided by those of the finest level."""
+        return self.stack.grid_complexity
+
+    @property
     def table(self) -> LevelTable:
         """Table of unknowns, matrix entries and smoother per level."""
         return self.stack.table
@@ -186,6 +202,7 @@ class SystemLevels:
         """Return a multigrid cycle ``(n, n)`` of kind "V", "W", "F" or "K". V and W are symmetric."""
         return cycle(self.stack, kind)
 
+    @suggest_keywords()
     def solve(
         self, b: ArrayLike, x0: Float | None = None, *, tolerance: float = 1e-8, max_iterations: int = 300
     ) -> Solution:
@@ -193,8 +210,9 @@ class SystemLevels:
 
         Parameters
         ----------
-        b : (n,) float
-        x0 : (n,) float, optional
+        b : (n,) or (n, k) float
+            One or several right-hand sides. The columns are iterated together, each until it has converged.
+        x0 : (n,) or (n, k) float, optional
             Initial iterate. Default: 0.
         tolerance : float
             Tolerance of residual and energy error, see :func:`agglo_core.multigrid.pcg`.
@@ -203,33 +221,39 @@ class SystemLevels:
         Returns
         -------
         Solution
-            Solution with the last iterate, converged or not.
+            Solution with the last iterate, converged or not. For several right-hand sides, ``columns`` has
+            the outcome of each.
 
         Raises
         ------
         OptionError
             For a right-hand side or initial iterate that does not fit or is not finite.
+
+        Examples
+        --------
+        >>> A = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(2000, 2000))
+        >>> solution = agglo.build_levels(A).solve(np.eye(2000, 3))
+        >>> solution.x.shape, [column.converged for column in solution.columns]
+        ((2000, 3), [True, True, True])
         """
         A, right = self.system.A, frozen_float(real_array("b", b))
-        history = pcg(
-            A, right, self.aspreconditioner(), x0, tolerance=tolerance, most=max_iterations, stop="both"
-        )
+        iteration: dict[str, Any] = {"tolerance": tolerance, "most": max_iterations, "stop": "both"}
+        histories: tuple[History, ...]
+        if right.ndim == 2:
+            histories = pcg_columns(A, right, self.aspreconditioner(), x0, **iteration)
+            x = np.stack([history.x for history in histories], axis=1)
+        else:
+            histories = (pcg(A, right, self.aspreconditioner(), x0, **iteration),)
+            x = histories[0].x
         return Solution(
-            x=frozen_float(history.x),
+            x=frozen_float(x),
             A=A,
             b=right,
             operators=self.stack.operators,
-            residuals=history.residuals,
-            converged=history.converged,
-            reason=history.reason,
-            iterations=history.iterations,
             seconds={},
-            energy_error=history.energy_error,
-            tests=history.tests,
-            operator_complexity=self.stack.operator_complexity,
-            grid_complexity=self.stack.grid_complexity,
+            operator_complexity=self.operator_complexity,
+            grid_complexity=self.grid_complexity,
             tolerance=tolerance,
-            energy_errors=history.energy_errors,
-            backward_error=history.backward_error,
-            rounding_limited=not history.converged and history.final,
+            columns=histories if right.ndim == 2 else (),
+            **joint_outcome(histories),
         )

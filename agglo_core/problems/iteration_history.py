@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -107,6 +108,47 @@ class History:
         Another preconditioner, for example in double precision, may continue from x.
         """
         return self.ended in _BY_PRECONDITIONER
+
+
+def worst_column(histories: Sequence[History]) -> int:
+    """Return the index of the worst of several histories.
+
+    It is one that has not converged, if there is any, then the one with most iterations.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.problems.iteration_history import History, unsolved, worst_column
+    >>> worst_column([History(np.zeros(1), np.ones(9), True, "converged"), unsolved(np.ones(1), "failed")])
+    1
+    """
+
+    def badness(j: int) -> tuple[bool, int, float]:
+        history = histories[j]
+        return not history.converged, history.iterations, history.relative_residual or 0.0
+
+    return max(range(len(histories)), key=badness)
+
+
+def joint_outcome(histories: Sequence[History]) -> dict[str, Any]:
+    """Return the attributes of a :class:`~agglo_core.problems.Solution` for one or several columns.
+
+    Convergence, tests and errors hold for all columns; residuals, iterations and reason are those of the
+    :func:`worst_column`.
+    """
+    worst, errors = histories[worst_column(histories)], [h.energy_error for h in histories]
+    converged = all(h.converged for h in histories)
+    return {
+        "converged": converged,
+        "reason": worst.reason,
+        "residuals": worst.residuals,
+        "iterations": worst.iterations,
+        "energy_error": None if None in errors else max(h for h in errors if h is not None),
+        "energy_errors": worst.energy_errors,
+        "tests": tuple(name for name in TESTS if all(name in h.tests for h in histories)),
+        "backward_error": max((h.backward_error or 0.0 for h in histories), default=0.0) or None,
+        "rounding_limited": not converged and all(h.final for h in histories),
+    }
 
 
 def unsolved(b: Float, reason: str) -> History:

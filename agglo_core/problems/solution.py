@@ -12,7 +12,7 @@ from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import import_function
 from agglo_core.problems.discretisation import Discretisation, Problem, Samples
-from agglo_core.problems.iteration_history import empty_array, mean_contraction
+from agglo_core.problems.iteration_history import History, empty_array, mean_contraction
 from agglo_core.problems.multigrid_level import LevelTable
 
 _Record = TypeVar("_Record")
@@ -110,9 +110,10 @@ class Solution:
     Matrices are sparse, arrays or ``scipy.sparse.linalg.LinearOperator``. Solvers with another internal
     format pass ``A`` and ``operators`` as :class:`~agglo_core.problems.solution.Deferred`. ``operators``
     lists ``(A, P)`` per level, finest first. ``residuals`` are the 2-norms ‖b − A x‖ before the first and
-    after each iteration. For several right-hand sides ``b (n, k)``, x is ``(n, k)``, and ``residuals``,
-    ``iterations`` and ``reason`` belong to the worst column: a column that has not converged if there is any,
-    then the column with most iterations. All other attributes hold for all columns.
+    after each iteration. For several right-hand sides ``b (n, k)``, x is ``(n, k)``, ``columns`` has the
+    history of each column, and ``residuals``, ``iterations`` and ``reason`` belong to the worst column: a
+    column that has not converged if there is any, then the column with most iterations. All other attributes
+    hold for all columns.
 
     Optional attributes:
 
@@ -171,6 +172,7 @@ class Solution:
     discretisation: Discretisation | None = None
     mesh: Mesh | None = None
     problem: Problem | None = None
+    columns: tuple[History, ...] = ()
 
     @property
     def outcome(self) -> str:
@@ -312,7 +314,8 @@ class Solution:
     def __repr__(self) -> str:
         """Return a line of text with size, outcome and cost."""
         steps = f"{self.iterations} iteration{'' if self.iterations == 1 else 's'}"
-        parts = [f"{self.x.shape[0]} unknowns", f"{self.outcome} after {steps}"]
+        sides = f", {self.x.shape[1]} right-hand sides" if self.x.ndim == 2 else ""
+        parts = [f"{self.x.shape[0]} unknowns{sides}", f"{self.outcome} after {steps}"]
         if len(self.residuals) > 1 and self.residuals[0] > 0.0:
             parts.append(f"residual {self.residuals[-1] / self.residuals[0]:.1e}")
         if self.energy_error is not None:

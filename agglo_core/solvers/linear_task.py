@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.multigrid import is_classical, stack_of_system
 from agglo_core.multigrid.krylov.pcg import pcg_columns
 from agglo_core.problems import Linear, Solution, System
-from agglo_core.problems.iteration_history import TESTS, History, unsolved
+from agglo_core.problems.iteration_history import History, joint_outcome, unsolved, worst_column
 from agglo_core.problems.linear import require_cells
 from agglo_core.problems.residuals.sizes import two_norm
 from agglo_core.progress import Tell
@@ -200,34 +201,31 @@ class LinearTask:
         back = 1.0 / self._matrix_factor
         columns = [unscaled(unscaled(h.x, f), back) for h, f in zip(histories, self._factors, strict=True)]
         # Report residuals and reason of the worst column.
-        last = max(range(len(histories)), key=lambda j: _badness(histories[j]))
-        converged = all(h.converged for h in histories)
-        worst, errors = histories[last], [h.energy_error for h in histories]
-        residuals = np.array(worst.residuals)
-        if not worst.converged:  # the last entry was updated, not computed from x
-            residuals[-1] = two_norm(self._b[:, last] - self.system.A @ worst.x)
+        last, outcome = worst_column(histories), joint_outcome(histories)
+        residuals = np.array(outcome["residuals"])
+        if not histories[last].converged:  # the last entry was updated, not computed from x
+            residuals[-1] = two_norm(self._b[:, last] - self.system.A @ histories[last].x)
+        outcome["residuals"] = frozen_float(residuals / self._factors[last])
         return Solution(
             x=frozen_float(np.stack(columns, axis=1).reshape(self.system.b.shape)),
             A=self._given,
             b=self.system.b,
             operators=[(unscaled_matrix(A, self._matrix_factor), P) for A, P in operators],
-            residuals=frozen_float(residuals / self._factors[last]),
-            converged=converged,
-            reason=worst.reason,
-            iterations=worst.iterations,
             seconds=watch.wall,
             cpu_seconds=watch.cpu,
-            energy_error=None if None in errors else max(h for h in errors if h is not None),
-            tests=tuple(name for name in TESTS if all(name in h.tests for h in histories)),
-            energy_errors=worst.energy_errors,
             tolerance=tolerance,
-            backward_error=max((h.backward_error or 0.0 for h in histories), default=0.0) or None,
-            rounding_limited=not converged and all(h.final for h in histories),
+            columns=self._unscaled_histories(histories, columns) if self.system.b.ndim == 2 else (),
+            **outcome,
         )
 
-
-def _badness(history: History) -> tuple[bool, int, float]:
-    return not history.converged, history.iterations, history.relative_residual or 0.0
+    def _unscaled_histories(
+        self, histories: Sequence[History], columns: Sequence[Float]
+    ) -> tuple[History, ...]:
+        """Return the histories of the given right-hand sides, with their solutions ``columns``."""
+        return tuple(
+            replace(history, x=x, residuals=frozen_float(history.residuals / factor))
+            for history, x, factor in zip(histories, columns, self._factors, strict=True)
+        )
 
 
 def _columns(near_null: Any) -> Any:

@@ -18,8 +18,10 @@ from agglo_core.problems.residuals.backward_error import limit_told, magnitudes
 from agglo_core.problems.residuals.row_scales import lifted, penalised_rows, row_measure
 from agglo_core.problems.residuals.sizes import Measure, energy_of_solution
 from agglo_core.progress import Tell, to_nobody
+from agglo_core.suggestions import suggest_keywords
 
 
+@suggest_keywords()
 def pcg(
     A: Any,
     b: Float,
@@ -125,6 +127,7 @@ def pcg(
     return limit_told(column.history(), A, whole)
 
 
+@suggest_keywords()
 def pcg_columns(
     A: Any,
     b: Float,
@@ -155,7 +158,7 @@ def pcg_columns(
     [True, True]
     """
     whole = _numbers("b", b)
-    if whole.ndim != 2:
+    if whole.ndim != 2 or not whole.shape[1]:
         raise OptionError(f"b must be right-hand sides (n, k), given shape {whole.shape}; for one use pcg")
     rules = _rules(tolerance, most, beta, stop, probe, pace)
     start = np.zeros(whole.shape) if x0 is None else _numbers("x0", x0)

@@ -15,6 +15,7 @@ from scipy.sparse.linalg import cg, spsolve
 import agglo_core as agglo
 from agglo_core import Diffusion, FileError, OptionError
 from agglo_core.cli import main
+from agglo_core.multigrid import pcg
 from agglo_core.problems import Solution
 from agglo_core.problems.solution import Deferred
 
@@ -202,6 +203,58 @@ def test_the_error_for_another_number_of_cells_names_the_block_size() -> None:
             OptionError, match=r"in 1152 cells, .* 2 unknowns in every cell give Linear\(A, b, 2\)"
         ):
             agglo.solve(hierarchy, problem, solver)
+
+
+def test_several_right_hand_sides_have_an_outcome_each() -> None:
+    A, _, b = of_blocks()
+    sides = np.stack([b, np.zeros(len(b)), 1e-9 * np.arange(len(b))], axis=1)
+    levels = agglo.build_levels(A, block_offsets=2)
+    solution = levels.solve(sides, tolerance=1e-10)
+    assert solution.converged
+    assert solution.x == pytest.approx(spsolve(sparse.csc_array(A), sides), rel=1e-7, abs=1e-12)
+    assert [column.iterations for column in solution.columns] == [
+        levels.solve(side, tolerance=1e-10).iterations for side in sides.T
+    ]
+    assert solution.iterations == max(column.iterations for column in solution.columns)
+    assert repr(solution).startswith("Solution(1152 unknowns, 3 right-hand sides, converged after")
+    stopped = levels.solve(sides, max_iterations=2)
+    assert [column.converged for column in stopped.columns] == [False, True, False]
+    assert (stopped.converged, stopped.reason) == (False, stopped.columns[0].reason)
+    again = levels.solve(sides, solution.x)
+    assert again.iterations <= 1
+    for wrong in (sides[:-1], sides[:, :0], sides[None]):
+        with pytest.raises(OptionError, match=r"b must be|A has shape"):
+            levels.solve(wrong)
+
+
+def test_columns_of_a_linear_problem_are_those_of_single_solves() -> None:
+    A, hierarchy, b = of_blocks()
+    sides = np.stack([b, 1e-200 * b], axis=1)  # scaled by different powers of two
+    solution = agglo.solve(hierarchy, agglo.Linear(A, sides, 2), tolerance=1e-10)
+    assert np.array_equal(np.stack([column.x for column in solution.columns], axis=1), solution.x)
+    assert solution.columns[1].residuals[0] == pytest.approx(1e-200 * solution.columns[0].residuals[0])
+    assert agglo.solve(hierarchy, agglo.Linear(A, b, 2)).columns == ()
+
+
+def test_options_named_as_in_scipy_or_pyamg_get_a_hint() -> None:
+    A, hierarchy, b = of_blocks()
+    levels = agglo.build_levels(A)
+    for name, ours in (("tol", "tolerance"), ("rtol", "tolerance"), ("maxiter", "max_iterations")):
+        with pytest.raises(TypeError, match=rf"'{name}' \(did you mean '{ours}'\?\)"):
+            levels.solve(b, **{name: 1})
+        with pytest.raises(OptionError, match=rf"'{name}' \(did you mean '{ours}'\?\)"):
+            agglo.solve(hierarchy, **{name: 1})
+    with pytest.raises(TypeError, match=r"'maxiter' \(did you mean 'most'\?\)"):
+        pcg(A, b, maxiter=1)  # type: ignore[call-arg]
+
+
+def test_levels_and_complexities_are_those_of_the_stack() -> None:
+    levels = agglo.build_levels(of_blocks()[0])
+    rows = repr(levels).splitlines()[1:]
+    assert [level.A.shape[0] for level in levels.levels] == [int(row.split()[1]) for row in rows]
+    entries = [int(row.split()[2]) for row in rows]
+    assert levels.operator_complexity == sum(entries) / entries[0]
+    assert levels.grid_complexity == sum(level.A.shape[0] for level in levels.levels) / levels.system.n
 
 
 @pytest.mark.parametrize("kind", ["V", "W"])
