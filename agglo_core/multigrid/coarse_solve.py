@@ -59,13 +59,17 @@ def direct_solver(A: Any, dtype: Any = np.float64, dense: int = 1500) -> Solve:
 
 
 class _ByInverse:
-    """Solver that multiplies the right-hand side by a stored inverse."""
+    """Solver that multiplies the right-hand side by a stored inverse, row by row in one thread.
+
+    The threads of a BLAS product wait for each other on a busy machine: with 16 threads on two cores, 1,500
+    unknowns took up to 13 times the CPU time (benchmarks/coarse_solve.py).
+    """
 
     def __init__(self, inverse: Real) -> None:
-        self.inverse = inverse
+        self.inverse = np.ascontiguousarray(inverse)
 
     def __call__(self, b: Real) -> Real:
-        return np.asarray(self.inverse @ b)
+        return np.asarray(np.vecdot(self.inverse, b) if np.ndim(b) == 1 else self.inverse @ b)
 
 
 class _ByFactors:

@@ -187,6 +187,18 @@ def test_stacks_and_cycles_can_be_pickled(smoother: Any, coarse: Any) -> None:
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(cycle(scaled, "W"))) @ b, cycle(scaled, "W") @ b)
 
 
+@pytest.mark.parametrize(("dtype", "tolerance"), [(np.float64, 1e-12), (np.float32, 1e-4)])
+def test_a_dense_solve_is_row_by_row_for_vectors_and_columns(dtype: Any, tolerance: float) -> None:
+    A = sparse.csr_array(mesh_matrix(200, 1) + sparse.eye_array(200))
+    solve: Any = direct_solver(A, dtype)
+    assert solve.inverse.flags.c_contiguous  # rows are read at full speed
+    b = np.stack([np.arange(200) - 99.5, np.ones(200)], axis=1).astype(dtype)
+    exact = np.linalg.solve(A.toarray(), b.astype(np.float64))
+    for found, expected in ((solve(b), exact), (solve(b[:, 0]), exact[:, 0])):
+        assert found.dtype == dtype
+        np.testing.assert_allclose(found, expected, atol=tolerance * abs(exact).max())
+
+
 @pytest.mark.parametrize("shift", [0.0, 0.1])
 def test_sparse_factors_are_made_again_when_they_are_unpickled(shift: float) -> None:
     """Of a matrix that is singular, and of one that is not."""
