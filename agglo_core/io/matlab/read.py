@@ -20,6 +20,12 @@ from agglo_core.mesh.checks import check_tags
 from agglo_core.mesh.elements import Polyhedra, polyhedra_from_elements
 
 _PAIRS = (("node3", "elem3"), ("node", "elem"), ("Node", "Element"), ("nodes", "elements"))
+_MESH = {name for pair in _PAIRS for name in pair}
+_REGION = {
+    *("ne", "nedges", "BBox", "coord", "id", "coords_element", "connectivity"),
+    *("area", "max_kb", "connectivity_bc", "bc_tag"),
+}
+"""Fields of lymph's struct ``region`` that describe the mesh."""
 _NONE = (frozen_int([0]), frozen_int([]))
 
 
@@ -40,7 +46,8 @@ class _Cells(NamedTuple):
 def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: bool) -> Mesh:
     """Read the mesh in a MATLAB file.
 
-    Variables with an integer per cell become tags.
+    Variables and fields of ``region`` with an integer per cell become tags. Other numbers are left out,
+    with a note.
 
     Raises
     ------
@@ -64,7 +71,7 @@ def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: 
         cells = _region(fields)
     else:
         fields, cells = {}, _lists(contents)
-    tags, skipped_names = _tags(contents, cells.number)
+    tags, skipped_names = _tags(contents, cells.number, fields)
     tags = {**cells.tags, **tags}
     if cells.solid is not None:
         mesh = Mesh.from_polyhedra(
@@ -179,25 +186,36 @@ def _number_from_zero(lists: tuple[Int, Int], n_points: int, name: str) -> tuple
     return offsets, frozen_int(values - 1)
 
 
-def _tags(contents: Mapping[str, Variable], count: int) -> tuple[dict[str, Int], list[str]]:
-    """Convert variables with one integer per cell to tags, and list the variables with one real per cell.
+def _tags(
+    contents: Mapping[str, Variable], count: int, fields: Mapping[str, Variable] | None = None
+) -> tuple[dict[str, Int], list[str]]:
+    """Convert variables with one integer per cell to tags, and list other numbers that the mesh lacks.
 
-    Level numbers start from 1 in MATLAB.
+    ``fields`` are those of ``region``. Level numbers start from 1 in MATLAB.
     """
+    others = {name: array for name, array in (fields or {}).items() if name not in _REGION}
+    listed: dict[str, Variable] = {}
     if NAMES in contents:
-        names = _own_names(contents[NAMES])
+        for variable, name in _own_names(contents[NAMES]).items():
+            if variable not in contents or contents[variable].shape[:1] != (count,):
+                raise FileError(
+                    f"{NAMES} lists the variable {variable!r}, which does not have one row per cell"
+                )
+            listed[name] = contents[variable]
     else:
-        names = {
-            name: name for name, array in contents.items() if array.is_numeric and _is_list(array, count)
-        }
-    tags, skipped_names = {}, []
-    for variable, name in names.items():
-        if variable not in contents or (contents[variable].shape[:1] != (count,) and NAMES in contents):
-            raise FileError(f"{NAMES} lists the variable {variable!r}, which does not have one row per cell")
+        others |= {name: array for name, array in contents.items() if name not in _MESH}
+    listed |= {name: array for name, array in others.items() if array.is_numeric and _is_list(array, count)}
+    skipped_names = [
+        array.name
+        for name, array in others.items()
+        if array.is_numeric and name not in listed and np.prod(array.shape, dtype=object) > 1
+    ]
+    tags = {}
+    for name, array in listed.items():
         try:
-            tags[name] = frozen_int(contents[variable].integers() - (1 if is_level(name) else 0))
+            tags[name] = frozen_int(array.integers() - (1 if is_level(name) else 0))
         except FileError:  # real values are no tags
-            skipped_names.append(variable)
+            skipped_names.append(array.name)
     return tags, skipped_names
 
 

@@ -108,6 +108,32 @@ def test_real_values_per_cell_are_counted(tmp_path: Path) -> None:
     assert dict(mesh.repairs)["cell data that are not integers left out"] == 1
 
 
+@pytest.mark.parametrize("place", ["variable", "field"])
+def test_numbers_that_are_no_tags_are_noted(
+    tmp_path: Path, place: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    data = {
+        "rock": [[1], [2]],
+        "kappa": [[0.5], [2.0]],  # one real number per cell
+        "tensor": [[1.0, 0.5], [0.5, 2.0]],
+        "at_points": [[0.5, 1, 2, 3, 4, 5]],
+        "degree": 2.5,  # no data of the mesh
+        "author": "P",
+    }
+    lists = cell([np.array([[1, 2, 3, 4]], np.uint8), np.array([[2, 5, 6, 3]], np.uint8)], False)
+    region = {"coord": POINTS, "connectivity": lists, "max_kb": cell([[[1.0, 2.0]]]), "area": [1.5, 1.5]}
+    given = {"region": region, **data} if place == "variable" else {"region": {**region, **data}}
+    with caplog.at_level("INFO", "agglo"):
+        mesh = read(put(tmp_path, **given))
+    assert {name: values.tolist() for name, values in mesh.cell_tags.items()} == {"rock": [1, 2]}
+    assert dict(mesh.repairs) == {"cell data that are not integers left out": 3}
+    prefix = "" if place == "variable" else "region."
+    (note,) = (record.getMessage() for record in caplog.records)
+    assert set(note.partition(": ")[2].split(", ")) == {
+        prefix + name for name in ("kappa", "tensor", "at_points")
+    }
+
+
 @pytest.mark.parametrize("compress", [False, True])
 def test_what_is_written_scipy_reads(tmp_path: Path, compress: bool) -> None:
     mesh = samples.voronoi(60, seed=2)
