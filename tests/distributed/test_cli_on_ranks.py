@@ -153,6 +153,14 @@ def test_what_cannot_be_had_is_refused_once(tmp_path: Path) -> None:
     assert left(tmp_path) == []
 
 
+def test_a_piecewise_input_file_is_not_replaced(agglo: Agglo) -> None:
+    pytest.importorskip("mpi4py")
+    assert agglo("run", "squares:n=4", "--parts", "2", "-o", "in.pvtu").code == 0
+    done = agglo("run", "in.pvtu", "--parts", "4", "-o", "in.pvtu")
+    assert (done.code, done.out) == (2, "")
+    assert "in.pvtu is the input file" in done.err
+
+
 def test_comparing_on_ranks_is_refused(tmp_path: Path) -> None:
     """Nobody gets the same table four times."""
     done = launch(4, "compare", "squares:n=4", cwd=tmp_path)

@@ -112,7 +112,7 @@ def compare(
     if problem is not None and solver is None:
         raise click.UsageError("--problem needs --solve: give --solve or leave --problem out")
     tool = None if solver is None else build_solver(solver, {}, "--solve")
-    check_outputs(None, None, report, ())
+    check_outputs(source, None, None, report, ())
     if pareto is not None:
         check_picture(pareto, "--pareto")
     with show_progress(quiet) as progress:

@@ -84,7 +84,7 @@ def run(
         options = {"independent": independent, "as_json": as_json, "quiet": quiet}
         return run_on_ranks(source, bisectors, agglomeration, metrics, output, **options)
     # Check all options before any work.
-    files = check_outputs(output, plot, report, bisectors)
+    files = check_outputs(source, output, plot, report, bisectors)
     plans = {spec: {"bisector": choice("bisector", spec)} for spec in bisectors} or {"": {}}
     outputs = Outputs()
     with show_progress(quiet) as progress:

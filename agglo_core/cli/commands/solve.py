@@ -16,7 +16,7 @@ from agglo_core.cli.options.numbers import Number
 from agglo_core.cli.options.shared import COMPONENT
 from agglo_core.cli.options.specs import load_mesh
 from agglo_core.cli.output.console import explain_compilation, print_json
-from agglo_core.cli.output.files import Outputs, check_picture
+from agglo_core.cli.output.files import Outputs, check_picture, refuse_input
 from agglo_core.cli.output.stdout import OwnCommand, terminal_columns
 from agglo_core.cli.output.tables import print_lines
 from agglo_core.cli.ranks.launch import find_launch, refuse_files, refuse_on_ranks
@@ -112,6 +112,7 @@ def solve(
     if solves_across(tool):
         return solve_on_ranks(source, solver, tool, problem, agglomeration, output, as_json=as_json)
     _check_files(output, plot, system_file, tool, solver)
+    refuse_input(source, output, system_file)
     check_more(history, report)
     explain_compilation()
     # Read, agglomerate, solve, write the solution.

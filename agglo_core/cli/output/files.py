@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import re
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -103,14 +104,15 @@ def _coarse_meshes(path: Path) -> str:
 
 
 def check_outputs(
-    output: Path | None, plot: Path | None, report: Path | None, bisectors: Sequence[str]
+    source: str, output: Path | None, plot: Path | None, report: Path | None, bisectors: Sequence[str]
 ) -> list[Path]:
     """Check all output files as far as possible, and return each run's mesh file.
 
     Raises
     ------
     FileError
-        For an unknown suffix, a folder that does not exist, or a path that is a folder.
+        For an unknown suffix, a folder that does not exist, a path that is a folder, or the input file
+        ``source``, except to add levels to a case that is a folder.
     """
     if plot is not None:
         check_picture(plot)
@@ -124,9 +126,19 @@ def check_outputs(
     files = [output] if len(bisectors) < 2 else _one_each(output, bisectors)
     for file in files:
         check_writable(file)
-    if len(files) > 1 and Formats(default()).writer(output).has("folders"):
+    is_case = Formats(default()).writer(output).has("folders")
+    if len(files) > 1 and is_case:
         raise FileError(f"{output}: a case holds the levels of one bisector, given {' and '.join(bisectors)}")
+    if not is_case:
+        refuse_input(source, *files)
     return files
+
+
+def refuse_input(source: str, *outputs: Path | None) -> None:
+    """Raise FileError if one of the output files is the input file, which it would replace."""
+    for output in outputs:
+        if output is not None and output.exists() and os.path.exists(source) and output.samefile(source):
+            raise FileError(f"{output} is the input file, and would be replaced: choose another output file")
 
 
 def draw_runs(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from agglo_core.cli.options.specs import choice, load_mesh
 from agglo_core.cli.output.console import number, print_json
+from agglo_core.cli.output.files import refuse_input
 from agglo_core.cli.output.tables import print_lines
 from agglo_core.cli.ranks.launch import find_launch
 from agglo_core.cli.runs import level_data, show, show_progress, warm_up
@@ -84,6 +85,7 @@ def run_on_ranks(
     with ranks.together():
         if output is not None:
             check_parallel_target(output)
+            refuse_input(source, output)
     first = ranks.rank == 0
     # Read, warm up, agglomerate, measure and write on all ranks.
     with show_progress(quiet or not first) as progress:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agglo_core.cli.output.console import print_json
-from agglo_core.cli.output.files import Outputs
+from agglo_core.cli.output.files import Outputs, refuse_input
 from agglo_core.cli.output.stdout import terminal_columns
 from agglo_core.cli.output.tables import print_lines
 from agglo_core.cli.ranks.launch import find_launch
@@ -62,6 +62,7 @@ def solve_on_ranks(
     with ranks.together():
         if output is not None:
             check_parallel_target(output)
+            refuse_input(source, output)
     first, outputs = ranks.rank == 0, Outputs()
     # Read, pose the problem, agglomerate, solve, write and measure on all ranks.
     with show_progress(not first) as progress:

@@ -253,3 +253,31 @@ def test_a_file_is_no_sample_and_how_to_convert_it_is_said(agglo: Agglo) -> None
     code, _, err = agglo("mesh", "a.off", "-o", "b.vtu")
     assert code == 2
     assert "agglo.write('b.vtu', agglo.read('a.off'))" in err
+
+
+@pytest.mark.parametrize(
+    ("file", "arguments"),
+    [
+        ("in.vtu", "run in.vtu --parts 4 -o ./in.vtu"),
+        ("in_kmeans.vtu", "run in_kmeans.vtu --parts 4 --bisector kmeans,sweep -o in.vtu"),
+        ("in.vtu", "solve in.vtu -o in.vtu"),
+        ("in.npz", "solve in.npz --write-system in.npz"),
+        ("in.vtu", "run link.vtu --parts 4 -o in.vtu"),
+        ("in.npz", "run in.npz --parts 4 -o link.npz"),
+    ],
+)
+def test_the_input_file_is_not_replaced(agglo: Agglo, file: str, arguments: str) -> None:
+    io.write(file, samples.squares(4))
+    Path(f"link{Path(file).suffix}").symlink_to(file)
+    before = Path(file).read_bytes()
+    done = agglo(*arguments.split())
+    assert (done.code, done.out) == (2, "")
+    assert "is the input file, and would be replaced: choose another output file" in done.err
+    assert Path(file).read_bytes() == before
+
+
+def test_levels_are_added_to_the_case_that_is_read(agglo: Agglo) -> None:
+    io.write("in.foam", samples.boxes(2))
+    done = agglo("run", "in.foam", "--parts", "2", "-o", "in.foam")
+    assert done.code == 0, done.err
+    assert levels("in.foam") == 1
