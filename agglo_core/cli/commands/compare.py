@@ -12,7 +12,7 @@ from agglo_core.agglomeration.keywords import METHODS
 from agglo_core.cli.options.agglomeration import FILE, agglomeration_options
 from agglo_core.cli.options.completion import meshes, names
 from agglo_core.cli.options.shared import COMPONENT, metrics_option
-from agglo_core.cli.options.specs import all_bisectors, choice, load_mesh, refuse_duplicates
+from agglo_core.cli.options.specs import all_bisectors, as_typed, choice, load_mesh, refuse_duplicates
 from agglo_core.cli.output.console import explain_compilation, number, print_json, quieten
 from agglo_core.cli.output.files import (
     Outputs,
@@ -33,6 +33,7 @@ from agglo_core.cli.runs import (
 )
 from agglo_core.cli.solving.choice import DEFAULT_SOLVER, build_solver, pose_problem
 from agglo_core.cli.solving.runs import Solved, collect_reports, show_solved, solve_runs
+from agglo_core.errors import PluginError
 from agglo_core.progress import phase
 from agglo_core.registry import default
 
@@ -48,13 +49,14 @@ if TYPE_CHECKING:
 class _Plan:
     """Bisector and method (recursive or k-way) of one run to be compared.
 
-    ``lacks`` is the reason if the bisector does not support the method.
+    ``lacks`` is the reason if the bisector does not support the method, ``broken`` if it cannot be built.
     """
 
     name: str
     spec: str
     method: str
-    lacks: str
+    lacks: str = ""
+    broken: str = ""
 
 
 @click.command(cls=OwnCommand, short_help="Compare bisectors and methods on a mesh.")
@@ -170,14 +172,26 @@ def _configured_method(options: Mapping[str, Any]) -> str:
 def _plans(specs: Sequence[str], methods: Sequence[str]) -> list[_Plan]:
     """Return all combinations of bisectors and methods to run, bisector by bisector.
 
-    Components are built once to check their options.
+    Components are built once to check their options. A plugin that cannot be built does not stop the others.
+
+    Raises
+    ------
+    PluginError
+        For an unknown or unusable bisector.
+    OptionError
+        For an unknown option or an invalid value.
     """
     plans = []
     for spec in specs:
-        lacking = _unimplemented_methods(spec)
+        default().record("bisector", as_typed(spec)[0])
+        lacking, broken = {}, ""
+        try:
+            lacking = _unimplemented_methods(spec)
+        except PluginError as error:
+            broken = str(error)
         for method in methods:
             name = spec if len(methods) == 1 else f"{spec} {method}"
-            plans.append(_Plan(name, spec, method, lacking.get(method, "")))
+            plans.append(_Plan(name, spec, method, lacking.get(method, ""), broken))
     return plans
 
 
@@ -204,7 +218,7 @@ def _carry_out(
 ) -> RunResult:
     from agglo_core.measure.comparison import RunResult
 
-    if plan.lacks:
-        return RunResult(plan.name, None, error=plan.lacks)
+    if plan.lacks or plan.broken:
+        return RunResult(plan.name, None, error=plan.lacks or plan.broken)
     selection = {"bisector": choice("bisector", plan.spec), "method": plan.method}
     return attempt(mesh, plan.name, {**arguments, **selection}, metrics, progress)

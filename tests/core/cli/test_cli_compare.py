@@ -121,6 +121,33 @@ def test_one_failing_run_is_a_line(agglo: Agglo, stubborn: None) -> None:
     assert not Path("other.html").exists()
 
 
+@pytest.mark.parametrize(
+    ("target", "reason"),
+    [("stubborn_home:Unbuildable", "no such model"), ("stubborn_home:Missing", "Missing")],
+)
+def test_a_plugin_that_cannot_be_built_is_a_line(
+    agglo: Agglo, monkeypatch: pytest.MonkeyPatch, target: str, reason: str
+) -> None:
+    class Unbuildable(Stubborn):
+        def __init__(self) -> None:
+            raise ValueError("no such model")
+
+    monkeypatch.setitem(__import__("sys").modules, "stubborn_home", SimpleNamespace(Unbuildable=Unbuildable))
+    component = Component(kind="bisector", name="unbuildable", target=target)
+    default().register(SimpleNamespace(agglo_components=hookimpl(lambda: [component])), "unbuildable")
+    try:
+        done = agglo("compare", "squares:n=8", "--parts", "4", "--bisector", "unbuildable,inertial", "--json")
+        alone = agglo("compare", "squares:n=8", "--parts", "4", "--bisector", "unbuildable")
+    finally:
+        default().unregister("unbuildable")
+    assert done.code == 3
+    broken, good = done.data["runs"]
+    assert reason in broken["error"]
+    assert (broken["levels"], good["error"], good["levels"][0]["parts"]) == ([], None, 4)
+    assert (alone.code, alone.out) == (2, "")
+    assert "all runs failed: unbuildable: " in alone.err
+
+
 def test_runs_are_weighed_in_a_picture(agglo: Agglo, stubborn: None) -> None:
     pytest.importorskip("matplotlib")
     ask = ["squares:n=8", "--bisector", "stubborn,kmeans,inertial", "--parts", "4", "--pareto", "out.svg"]
