@@ -53,7 +53,8 @@ class Diffusion:
         Otherwise faces with tags in neither mapping are insulated, and every domain component needs a tag
         in ``dirichlet``: with fluxes alone, u is determined only up to a constant.
     exact : callable, optional
-        Exact solution, if known, for error norms.
+        Exact solution, if known, for error norms. A solver that discretises the problem refuses it if it
+        differs from the Dirichlet data on the boundary.
     boundary : str
         Face tag with the boundary parts. On a mesh without the tag ``"boundary"``, all faces have
         the value 0.

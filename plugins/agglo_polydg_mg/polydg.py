@@ -23,7 +23,7 @@ from agglo_core.authoring import (
     solvers,
 )
 from agglo_polydg_mg.forms.assembly import Lifted, cell_means, discretise_lifted, load
-from agglo_polydg_mg.forms.boundary import boundary_faces
+from agglo_polydg_mg.forms.boundary import boundary_faces, require_consistent
 from agglo_polydg_mg.forms.norms import EnergyNorm, errors
 from agglo_polydg_mg.forms.penalty import Penalty, require_penalty
 from agglo_polydg_mg.forms.sides import with_straight_sides
@@ -77,9 +77,10 @@ class PolyDG:
         return Basis(seen, self.degree, self.scaled_basis)
 
     def check(self, problem: Problem, mesh: Mesh) -> None:
-        """Raise OptionError if the boundary data do not fit the mesh."""
+        """Raise OptionError if the boundary data do not fit the mesh or the exact solution."""
         self.basis(mesh)
         boundary_faces(mesh, _diffusion(problem))
+        require_consistent(mesh, _diffusion(problem), self.degree)
 
     def assemble(self, problem: Problem, mesh: Mesh) -> System:
         """Assemble matrix and right-hand side of a problem on a mesh.
@@ -97,6 +98,7 @@ class PolyDG:
         and ``units``, both save the purely geometric work.
         """
         asked, basis = _diffusion(problem), basis or self.basis(mesh)
+        require_consistent(mesh, asked, self.degree)
         found = discretise_lifted(
             basis.mesh, self.degree, asked, penalty=self.penalty, basis=basis, units=units
         )

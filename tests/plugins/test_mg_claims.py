@@ -126,7 +126,10 @@ def test_components_of_the_domain_have_offsets_of_their_own() -> None:
 def test_error_norms_of_any_size() -> None:
     mesh, solver = samples.squares(4), PlainCG()
     hierarchy, size = agglomerate(mesh, n_parts=4), 2.0**-700
-    plain, small = Diffusion(exact=lambda x: x[:, 0]), Diffusion(source=size, exact=lambda x: size * x[:, 0])
+    plain, small = (
+        Diffusion(source=factor, dirichlet={0: exact}, exact=exact)
+        for factor, exact in ((1.0, lambda x: x[:, 0]), (size, lambda x: size * x[:, 0]))
+    )
     norms = [solver.discretisation.errors(p, mesh, solver.solve(p, hierarchy).x) for p in (plain, small)]
     assert norms[1] == {name: size * norm for name, norm in norms[0].items()}
 

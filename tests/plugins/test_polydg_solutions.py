@@ -16,10 +16,11 @@ from scipy.io import loadmat
 from scipy.sparse.linalg import eigsh, spsolve
 
 import agglo_core as agglo
-from agglo_core import AggloError, Mesh, OptionError, samples
+from agglo_core import AggloError, Mesh, OptionError, agglomerate, samples
 from agglo_core.problems import Diffusion, System
 from agglo_polydg_mg.forms.assembly import cell_means, discretise, load
 from agglo_polydg_mg.forms.norms import Errors, errors
+from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.space.basis import Basis
 
 Array = NDArray[np.float64]
@@ -388,3 +389,35 @@ def test_each_component_needs_a_value() -> None:
     mesh = replace(mesh, face_tags={"boundary": mesh.face_cells[:, 0]})
     with pytest.raises(OptionError, match="component of cell 1"):
         discretise(mesh, 1, Diffusion(dirichlet={0: 0.0}))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "place"),
+    [
+        (Diffusion(exact=lambda x: 1.0 + 0.0 * x[:, 0]), "it is 1, the data are 0"),
+        (Diffusion(dirichlet={0: 2.0}, exact=lambda x: 2.0 + sine(x + 0.1)), "the data are 2"),
+        (Diffusion(dirichlet={0: lambda x: x[:, 0]}, exact=lambda x: x[:, 1]), "it is"),
+    ],
+)
+@pytest.mark.parametrize("solver", ["polydg_mg", "direct", "polydg_cg", "polydg_mg_paper"])
+def test_an_exact_solution_that_contradicts_the_boundary_data_is_refused(
+    solver: str, wrong: Diffusion, place: str
+) -> None:
+    hierarchy = agglomerate(samples.squares(4), n_parts=(4, 2))
+    with pytest.raises(OptionError, match=rf"exact contradicts the Dirichlet data: at the .*{place}"):
+        agglo.solve(hierarchy, wrong, solver)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1.0, 1e300])
+def test_rounding_and_averages_do_not_contradict_an_exact_solution(size: float) -> None:
+    """Values that nearly vanish on the boundary, far coordinates, one value per cell, and fluxes."""
+    square = samples.squares(4)
+    far = replace(square, points=square.points + 1e6)
+    sides = square.with_face_tags(boundary=lambda x: np.isclose(x[:, 0], 0.0))
+    PolyDG().check(Diffusion(exact=lambda x: size * sine(x)), square)
+    PolyDG().check(Diffusion(exact=lambda x: size * sine(x)), far)
+    ramp = lambda x: size * x[:, 0]  # noqa: E731
+    PolyDG().check(Diffusion(dirichlet={0: ramp(square.cell_centroids)}, exact=ramp), square)
+    PolyDG().check(Diffusion(dirichlet={1: 0.0}, neumann={0: 5.0}, exact=ramp), sides)
+    with pytest.raises(OptionError, match="exact contradicts"):
+        PolyDG().check(Diffusion(dirichlet={0: 0.0}, neumann={1: 5.0}, exact=ramp), sides)

@@ -12,6 +12,9 @@ from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule, on_pieces
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.quadrature import per_cell, sample
 
+_ROUNDING = 1e-6
+"""Difference between exact solution and Dirichlet data, relative to their size, that counts as rounding."""
+
 
 class Boundary(NamedTuple):
     """Face tags ``(n_faces,)``, Dirichlet faces, and natural (Neumann) faces of the boundary."""
@@ -100,6 +103,37 @@ def dirichlet_values(basis: Basis, problem: Diffusion, boundary: Boundary) -> Fl
         return np.zeros((len(boundary.dirichlet), basis.degree + 2))
     rule = rule_of(basis, boundary.dirichlet)
     return boundary_values(basis.mesh, boundary, problem.dirichlet, rule.faces, rule.points, "dirichlet")
+
+
+def require_consistent(mesh: Mesh, problem: Diffusion, degree: int) -> None:
+    """Raise OptionError if the exact solution differs from the Dirichlet data at quadrature points.
+
+    Data with one value per cell may be averages, and are not compared, and neither are fluxes.
+    """
+    if problem.exact is None:
+        return
+    # 1. Exact solution and data on the faces of the domain boundary
+    boundary = boundary_faces(mesh, problem)
+    tags = boundary.tags[boundary.dirichlet]
+    by_cell = [tag for tag, field in problem.dirichlet.items() if not callable(field) and np.ndim(field)]
+    faces = boundary.dirichlet[mesh.outer_faces[boundary.dirichlet] & ~np.isin(tags, by_cell)]
+    if not len(faces):
+        return
+    rule = face_rule(mesh, faces, degree + 2)
+    points = rule.points.reshape(-1, mesh.dim) + mesh.origin
+    exact = sample(problem.exact, points, "exact")
+    g = boundary_values(mesh, boundary, problem.dirichlet, rule.faces, rule.points, "dirichlet").ravel()
+    # 2. Largest difference, relative to both, and to values inside where both nearly vanish
+    worst = int(np.argmax(np.abs(exact - g)))
+    gap = abs(exact[worst] - g[worst])
+    if gap <= _ROUNDING * max(np.abs(exact).max(), np.abs(g).max()):
+        return
+    if gap > _ROUNDING * np.abs(sample(problem.exact, mesh.cell_centroids, "exact")).max():
+        place = ", ".join(f"{x:g}" for x in points[worst])
+        raise OptionError(
+            f"exact contradicts the Dirichlet data: at the boundary point ({place}) it is {exact[worst]:g}, "
+            f"the data are {g[worst]:g}; pass the exact values as Dirichlet data, or no exact solution"
+        )
 
 
 def rule_of(basis: Basis, faces: Int) -> FaceRule:
