@@ -87,10 +87,12 @@ class Diffusion:
                     f"{name} must be a number, an array with one value per cell, or a callable; given "
                     f"{getattr(self, name)!r}"
                 )
-        for name in ("dirichlet", "neumann"):
-            if not isinstance(getattr(self, name), Mapping):
+        for name, given in (("dirichlet", self.dirichlet), ("neumann", self.neumann)):
+            if not isinstance(given, Mapping):
                 raise OptionError(
-                    f"{name} must be a mapping from boundary tags to data; given {getattr(self, name)!r:.60}"
+                    f"{name} must be a mapping from boundary tags to data; given {given!r:.60}: write "
+                    f"{name}={{0: data}} on a mesh without boundary tags, else one entry for each value of "
+                    f"mesh.face_tags[{self.boundary!r}]"
                 )
         data = {f"dirichlet[{tag}]": value for tag, value in self.dirichlet.items()}
         data |= {f"neumann[{tag}]": value for tag, value in self.neumann.items()}

@@ -126,7 +126,7 @@ def test_files_and_pictures_of_a_stranger(agglo: Agglo) -> None:
         ),
         (
             ["--problem", "diffusion:neumann=1"],
-            "neumann must be a mapping from boundary tags to data; given 1",
+            "neumann must be a mapping from boundary tags to data; given 1: write neumann={0: data} on",
         ),
         (["--problem", "system.toml", "-o", "u.vtu"], "unknowns of problem kind linear: -o and"),
     ],

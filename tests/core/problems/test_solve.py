@@ -88,6 +88,14 @@ def test_errors_are_norms_against_the_exact_solution_for_every_solver() -> None:
     assert offset["l2"] == pytest.approx(2.0 * np.sqrt(MESH.cell_measures.sum()), rel=1e-6)
 
 
+def test_boundary_data_without_tags_are_refused_with_what_to_write() -> None:
+    for data in (_cube, 2.0, [1.0, 2.0]):
+        with pytest.raises(
+            OptionError, match=r"given .*: write dirichlet=\{0: data\} on .*face_tags\['wall'\]"
+        ):
+            Diffusion(dirichlet=data, boundary="wall")  # type: ignore[arg-type]
+
+
 def _cube(points: Any) -> Any:
     return points[:, 0] ** 3
 
