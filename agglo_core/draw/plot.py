@@ -96,7 +96,6 @@ def draw(
     columns = fine + max(len(hierarchy.levels) for hierarchy in hierarchies.values())
     width = float(np.clip(24.0 / columns, 2.4, 3.6))
     figure, axes = _panels(panels, len(hierarchies), columns, width)
-    name_above_mesh = fine and len(hierarchies) == 1
     with phase(progress, "drawing") as tell:
         # Draw the mesh and the levels of each run in a row.
         for place, (row, (name, hierarchy)) in enumerate(zip(axes, hierarchies.items(), strict=True)):
@@ -104,15 +103,14 @@ def draw(
             above = f"{short_name(name)}\n"
             if fine and place == 0:
                 panels.fine(row[0])
-                _entitle(row[0], (above if name_above_mesh else "") + _describe_mesh(mesh))
+                _entitle(row[0], _describe_mesh(mesh))
             elif fine:
                 row[0].set_axis_off()
             measured = (levels or {}).get(name) or measure_levels(mesh, hierarchy, registry, title_metrics)
             for number, (axis, level) in enumerate(zip(row[int(fine) :], measured, strict=False)):
                 part(run_progress, fine + number, columns, f"level {number}")
                 panels.level(axis, level.labels)
-                named = number == 0 and not name_above_mesh
-                _entitle(axis, (above if named else "") + _title(level, usual=metrics is None))
+                _entitle(axis, ("" if number else above) + _title(level, usual=metrics is None))
             for axis in row[fine + len(hierarchy.levels) :]:
                 axis.set_axis_off()
         part(tell, len(hierarchies), 1 + len(hierarchies), Path(path).name)

@@ -57,8 +57,8 @@ def test_titles_give_the_means_of_the_metrics(tmp_path: Path, monkeypatch: pytes
     mesh = samples.squares(2)
     draw(mesh, {"run": _halves(mesh)}, tmp_path / "a.png")
     draw(mesh, {"run": _halves(mesh)}, tmp_path / "a.png", ["cells", "convexity", "interface"])
-    assert titles[1] == "2 parts\nUF 1.00   CR 0.45"
-    assert titles[3] == "2 parts\ncells 2.00   convexity 1.00   interface 1.00"
+    assert titles[:2] == ["squares 2x2, 4 cells", "run\n2 parts\nUF 1.00   CR 0.45"]
+    assert titles[3] == "run\n2 parts\ncells 2.00   convexity 1.00   interface 1.00"
 
 
 def test_what_was_measured_is_not_measured_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,9 +69,9 @@ def test_what_was_measured_is_not_measured_again(tmp_path: Path, monkeypatch: py
     draw(mesh, run, tmp_path / "a.png")
     monkeypatch.setattr("agglo_core.draw.plot.measure_levels", None)
     draw(mesh, run, tmp_path / "b.png", levels=measured)
-    assert titles[1] == titles[3] == "2 parts\nUF 1.00   CR 0.45"
+    assert titles[1] == titles[3] == "run\n2 parts\nUF 1.00   CR 0.45"
     draw(mesh, run, tmp_path / "c.png", ["UF", "CR", "convexity", "J"], levels=measured)
-    assert titles[5] == "2 parts\nUF 1.00   CR 0.45   convexity 1.00\nJ 0.76"
+    assert titles[5] == "run\n2 parts\nUF 1.00   CR 0.45   convexity 1.00\nJ 0.76"
 
 
 def test_a_picture_without_the_mesh_names_the_run_above_its_first_level(
