@@ -24,6 +24,7 @@ Metrics = list[Any] | None
 
 _RATIO = "mean diam/h*"
 _CLOCK = "CPU s"
+_SIZES = "cells each"
 
 
 def show_progress(quiet: bool = False) -> AbstractContextManager[Listener | None]:
@@ -169,7 +170,7 @@ def show(title: str, runs: Sequence[RunResult], only_finest: bool = False) -> No
             rows.append([*row, "" if place else f"{run.cpu_seconds:.2f}"])
         if run.error:
             rows.append([run.name, *["–"] * len(heads)])
-    spare = ["connected", _CLOCK, "isoperimetric", _RATIO]
+    spare = ["connected", _SIZES, _CLOCK, "isoperimetric", _RATIO]
     print_table(title, ["bisector", *heads], rows, spare=spare, fold={"bisector": 8})
     print_lines("\n".join(f"{run.name}: {run.error}" for run in runs if run.error))
     print_lines(
@@ -189,8 +190,9 @@ def _describe_time_limits(run: RunResult) -> str:
 def _columns(level: Level, sized: bool) -> dict[str, str]:
     """Return the table columns as keys and headings, with diameter over target size if ``sized``."""
     ratio_column = {"diameter_ratio": _RATIO} if sized and "diameter_ratio" not in level.metrics else {}
+    sizes = {_SIZES: _SIZES} if "min_cells" in level.line else {}
     alike = (*level.metrics, "connected", *level.objectives)
-    return {"parts": "K"} | ratio_column | {name: name for name in alike}
+    return {"parts": "K"} | sizes | ratio_column | {name: name for name in alike}
 
 
 def _cells(level: Level, columns: Iterable[str]) -> list[str]:
@@ -198,6 +200,7 @@ def _cells(level: Level, columns: Iterable[str]) -> list[str]:
 
     line = {**level.line, **level.objectives}
     line["connected"] = f"{number(100.0 * line['connected'])} %"
+    line[_SIZES] = "–".join(number(line[name]) for name in ("min_cells", "max_cells") if name in line)
     return [
         wanted(level.target),
         *(format_ratio(line[key]) + describe_undefined(level, key) for key in columns),

@@ -67,16 +67,19 @@ class Level:
     def line(self) -> dict[str, Any]:
         """Summary of the level as a dict of plain values.
 
-        Keys: ``target``, ``parts``, ``max_diameter``, the mean of each metric by name (by default ``UF``,
-        ``CR``, ``CRc``, ``J``, ``isoperimetric``), the share of ``connected`` parts, ``diameter_ratio``, the
-        mean diameter over h*, ``objectives`` if any were selected, and :attr:`undefined` if any value is
-        undefined. Missing values (h* for a count) are None. Means are over the agglomerates with a value.
+        Keys: ``target``, ``parts``, ``min_cells``, ``max_cells``, ``max_diameter``, the mean of each metric
+        by name (by default ``UF``, ``CR``, ``CRc``, ``J``, ``isoperimetric``), the share of ``connected``
+        parts, ``diameter_ratio``, the mean diameter over h*, ``objectives`` if any were selected, and
+        :attr:`undefined` if any value is undefined. Missing values (h* for a count) are None. Means are over
+        the agglomerates with a value.
         """
         h_star = self.target.get("h_star")
         diameters = self.values["diameter"]
         line = {
             "target": dict(self.target),
             "parts": self.mesh.n_cells,
+            "min_cells": int(self.values["cells"].min()),
+            "max_cells": int(self.values["cells"].max()),
             "max_diameter": float(diameters.max()),
             **{name: self._mean(name) for name in self.metrics},
             "connected": float((self.values["components"] == 1).mean()),

@@ -21,7 +21,10 @@ Metric = str | QualityMetric | tuple[str, Mapping[str, Any]]
 RATIOS = ("UF", "CR", "CRc", "J", "isoperimetric")
 """Default metrics."""
 
-_RESERVED = ("connected", "diameter", "max_diameter", "measure", "objectives", "parts", "target")
+_RESERVED = (
+    *("connected", "diameter", "max_cells", "max_diameter", "measure", "min_cells", "objectives"),
+    *("parts", "target"),
+)
 
 
 @dataclass(frozen=True)

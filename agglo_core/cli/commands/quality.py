@@ -10,6 +10,7 @@ import click
 from agglo_core.cli.options.agglomeration import FILE
 from agglo_core.cli.options.shared import metrics_option, threads_option
 from agglo_core.cli.output.console import number, print_json, quieten
+from agglo_core.cli.output.files import Outputs, check_picture, draw_runs
 from agglo_core.cli.output.stdout import OwnCommand
 from agglo_core.cli.output.tables import print_table
 from agglo_core.cli.runs import describe_undefined, level_data, show_progress, single_level
@@ -21,15 +22,21 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.measure import Level
     from agglo_core.mesh import Mesh
+    from agglo_core.progress import Listener
+
+
+_SPARE = ("connected", "max_diameter", "isoperimetric", "min_cells", "max_cells")
+"""Columns that a narrow terminal leaves out, in this order."""
 
 
 @click.command(cls=OwnCommand, short_help="Measure the agglomerates in a file.")
 @click.argument("file", type=FILE)
 @metrics_option
 @threads_option
+@click.option("--plot", type=FILE, help="Picture of the mesh and its levels (.png, .pdf, .svg).")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON with --json).")
-def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -> None:
+def quality(file: Path, metrics: list[Any] | None, plot: Path | None, as_json: bool, quiet: bool) -> int:
     """Print the means of UF, CR, CRc, J and isoperimetric, or of other metrics, for every level in FILE.
 
     Levels come from a hierarchy (.npz) or from the cell data level_0, level_1, … In a file without levels,
@@ -40,6 +47,8 @@ def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -
     from agglo_core.io import read_hierarchy
     from agglo_core.measure.agglomerates import measure_levels
 
+    if plot is not None:
+        check_picture(plot)
     with show_progress(quiet) as progress:
         with phase(progress, "reading", file.name):
             mesh, stored = read_hierarchy(file)
@@ -58,13 +67,38 @@ def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -
             [number(row[key]) + describe_undefined(level, key) for key in columns]
             for level, row in zip(levels, flat, strict=True)
         ]
-        print_table(title, columns, table_rows, spare=["connected", "max_diameter", "isoperimetric"])
+        print_table(title, columns, table_rows, spare=_SPARE)
+    outputs = Outputs()
+    if plot is not None:
+        with show_progress(quiet) as progress:
+            _draw(outputs, plot, mesh, stored, levels, progress)
+    return outputs.finish(listed=not (as_json or quiet))
+
+
+def _draw(
+    outputs: Outputs,
+    plot: Path,
+    mesh: Mesh,
+    stored: Hierarchy | None,
+    levels: Sequence[Level],
+    progress: Listener | None,
+) -> None:
+    """Draw the mesh and the levels of a file, or the mesh alone if the file has no levels."""
+    from agglo_core.draw.plot import draw_mesh
+    from agglo_core.measure.comparison import RunResult
+
+    if stored is None:
+        outputs.picture(plot, lambda: draw_mesh(mesh, plot))
+    else:
+        run = RunResult(stored.statistics.get("bisector", "levels"), stored, levels)
+        draw_runs(outputs, mesh, [run], plot, None, None, progress)
 
 
 def _columns(levels: Sequence[Level]) -> list[str]:
     """Return the table columns, with mean diameter over target size if a level has a target size."""
     sized = any(level.line["diameter_ratio"] is not None for level in levels)
-    first = ["level", "parts", *(["diameter_ratio"] if sized else []), "max_diameter"]
+    first = ["level", "parts", "min_cells", "max_cells"]
+    first += [*(["diameter_ratio"] if sized else []), "max_diameter"]
     metrics = [name for name in levels[0].metrics if name not in first]
     return [*first, *metrics, "connected", *levels[0].objectives]
 

@@ -22,7 +22,7 @@ _PIPE = 200  # width for folding if the output is not a terminal
 _GAP = 2  # characters between columns
 _SPACES = re.compile(r"(?<= )(?=[^ ])")
 _BREAKS = re.compile(r"(?<= )(?=[^ ])|(?<=[,:=_-])(?=[A-Za-z])")
-_NUMBER = re.compile(r"[-+]?\d[\d,.]*(e[-+]?\d+)?( %| \(.*\))?|[–-]|")
+_NUMBER = re.compile(r"[-+]?\d[\d,.]*(–\d+)?(e[-+]?\d+)?( %| \(.*\))?|[–-]|")
 _FRAME = "┏━┳┓┃┡╇┩│└─┴┘"
 _NOTHING: Mapping[str, int] = MappingProxyType({})
 

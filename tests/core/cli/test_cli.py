@@ -181,7 +181,7 @@ def test_run_prints_json_of_one_form(agglo: Agglo) -> None:
     assert set(run) == {"bisector", "levels", "seconds", "statistics"}
     assert run["bisector"] == "kmeans"
     ratios = {"UF", "CR", "CRc", "J", "isoperimetric", "diameter_ratio"}
-    keys = {"target", "parts", "max_diameter", "connected", *ratios}
+    keys = {"target", "parts", "min_cells", "max_cells", "max_diameter", "connected", *ratios}
     assert all(set(level) == keys for level in run["levels"])
     assert [level["parts"] for level in run["levels"]] == [16, 4]
     coarse = run["levels"][1]

@@ -60,7 +60,7 @@ def test_combinations_come_in_the_order_asked_for(agglo: Agglo) -> None:
         assert run["seconds"] > 0
         assert [level["parts"] for level in run["levels"]] == [16, 4]
         assert all(level["diameter_ratio"] is None for level in run["levels"])
-    keys = {"target", "parts", "max_diameter", "connected", "diameter_ratio"}
+    keys = {"target", "parts", "min_cells", "max_cells", "max_diameter", "connected", "diameter_ratio"}
     keys |= {"UF", "CR", "CRc", "J", "isoperimetric"}
     assert set(data["runs"][1]["levels"][0]) == keys
 
@@ -89,13 +89,15 @@ def test_the_mean_diameter_over_the_size_stands_beside_the_number_of_parts_where
     ratios = ["UF", "CR", "CRc", "J", "isoperimetric", "connected"]
     for command in ("run", "compare"):
         sized = columns_of(agglo(command, "squares:n=8", "--bisector", "inertial", "--h-star", "0.5").out)
-        assert sized[:4] == ["bisector", "target", "K", "mean diam/h*"]
-        assert sized[4:] == [*ratios, "CPU s"]
+        assert sized[:5] == ["bisector", "target", "K", "cells each", "mean diam/h*"]
+        assert sized[5:] == [*ratios, "CPU s"]
         counted = columns_of(agglo(command, "squares:n=8", "--bisector", "inertial", "--parts", "4").out)
-        assert counted == ["bisector", "target", "K", *ratios, "CPU s"]
+        assert counted == ["bisector", "target", "K", "cells each", *ratios, "CPU s"]
     agglo("run", "squares:n=8", "--bisector", "inertial", "--h-star", "0.5", "-o", "sized.npz")
     agglo("run", "squares:n=8", "--bisector", "inertial", "--parts", "4", "-o", "counted.npz")
-    assert columns_of(agglo("quality", "sized.npz").out)[:3] == ["level", "parts", "diameter_ratio"]
+    assert columns_of(agglo("quality", "sized.npz").out)[:5] == [
+        *("level", "parts", "min_cells", "max_cells", "diameter_ratio")
+    ]
     assert "diameter_ratio" not in agglo("quality", "counted.npz").out
 
 

@@ -57,7 +57,17 @@ def test_metrics_of_all_commands_and_of_strangers(agglo: Agglo, plugin: None) ->
     code, out, _ = agglo("run", "squares:n=4", "--bisector", "coordinate", "--parts", "4", "--json", *pick)
     assert code == 0
     (level,) = json.loads(out)["runs"][0]["levels"]
-    keys = ["target", "parts", "max_diameter", "corners", "convexity", "CR", "connected"]
+    keys = [
+        "target",
+        "parts",
+        "min_cells",
+        "max_cells",
+        "max_diameter",
+        "corners",
+        "convexity",
+        "CR",
+        "connected",
+    ]
     keys += ["diameter_ratio", "objectives"]
     assert list(level) == keys
     assert level["corners"] == 3.0

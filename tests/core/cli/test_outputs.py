@@ -281,3 +281,23 @@ def test_levels_are_added_to_the_case_that_is_read(agglo: Agglo) -> None:
     done = agglo("run", "in.foam", "--parts", "2", "-o", "in.foam")
     assert done.code == 0, done.err
     assert levels("in.foam") == 1
+
+
+@pytest.mark.parametrize("suffix", ["npz", "vtu"])
+def test_the_mesh_and_the_levels_of_a_file_are_drawn(
+    agglo: Agglo, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    titles: list[str] = []
+    monkeypatch.setattr("agglo_core.draw.plot._entitle", lambda axis, title: titles.append(title))
+    agglo("run", "squares:n=4", "--parts", "4", "--bisector", "sweep", "-o", f"levels.{suffix}", "--quiet")
+    io.write(f"mesh.{suffix}", samples.squares(4))
+    for name, panels in (("levels", 2), ("mesh", 1)):
+        titles.clear()
+        done = agglo("quality", f"{name}.{suffix}", "--plot", f"{name}.png")
+        assert (done.code, done.out.splitlines()[-1]) == (0, f"wrote {name}.png")
+        assert Path(f"{name}.png").stat().st_size > 1000
+        assert len(titles) == panels
+    done = agglo("quality", f"mesh.{suffix}", "--plot", "mesh.gif")
+    assert (done.code, done.out) == (2, "")
+    assert "pictures end in .png" in done.err

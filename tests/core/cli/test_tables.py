@@ -65,6 +65,7 @@ def cells_of(run: dict[str, Any]) -> Iterator[dict[str, str]]:
             numbers.pop(absent, None)
         if "diameter_ratio" in numbers:
             numbers["mean diam/h*"] = numbers.pop("diameter_ratio")
+        numbers["cells each"] = f"{level['min_cells']}–{level['max_cells']}"
         yield numbers | {"K": str(level["parts"]), "connected": f"{100 * level['connected']:.4g} %"}
 
 
@@ -159,7 +160,7 @@ def test_a_real_terminal(tmp_path: Path) -> None:
     screen.read(master)
     os.close(master)
     assert done.wait() == 0
-    assert re.search(r"kmeans +100 parts +100( +0\.\d{3}){5} +\d\.\d\d", screen.text)
+    assert re.search(r"kmeans +100 parts +100 +\d–\d( +0\.\d{3}){5} +\d\.\d\d", screen.text)
     assert max(map(len, screen.text.splitlines())) <= 80
 
 

@@ -100,13 +100,21 @@ def test_faulty_requests_are_explained() -> None:
         quality(mesh, [0, 0, 2, 2])
 
 
+FIRST = ("target", "parts", "min_cells", "max_cells", "max_diameter")
+
+
+def test_the_summary_has_the_fewest_and_the_most_cells_of_a_part() -> None:
+    mesh = samples.squares(2)
+    line, whole = summary(mesh, _hierarchy(mesh, np.array([0, 1, 1, 1]), np.zeros(4, int)))
+    assert (line["min_cells"], line["max_cells"]) == (1, 3)
+    assert (whole["min_cells"], whole["max_cells"]) == (4, 4)
+
+
 def test_summary_of_a_plane_mesh() -> None:
     mesh = samples.squares(4)
     split = np.add.outer(np.arange(4), np.arange(4)).ravel() % 2
     lines = summary(mesh, _hierarchy(mesh, _quarters(4), split))
-    assert [list(line) for line in lines] == [
-        ["target", "parts", "max_diameter", *RATIOS, "connected", "diameter_ratio"]
-    ] * 2
+    assert [list(line) for line in lines] == [[*FIRST, *RATIOS, "connected", "diameter_ratio"]] * 2
     first, second = lines
     assert first["target"] == {"parts": 4}
     assert first["parts"] == 4
@@ -134,9 +142,7 @@ def test_levels_are_measured_by_the_metrics_that_are_chosen() -> None:
     (level,) = measure_levels(mesh, hierarchy, metrics=metrics)
     assert level.metrics == ("CR", "diameter_ratio", "FirstCell")
     assert set(level.values) == {"cells", "diameter", "measure", *level.metrics, "components"}
-    assert list(level.line) == [
-        *("target", "parts", "max_diameter", "CR", "diameter_ratio", "FirstCell", "connected", "objectives")
-    ]
+    assert list(level.line) == [*(*FIRST, "CR", "diameter_ratio", "FirstCell", "connected", "objectives")]
     assert level.line["FirstCell"] == 5.0  # the mean of 0, 2, 8, 10
     assert level.line["diameter_ratio"] == pytest.approx(2**0.5)
     assert level.line["objectives"] == pytest.approx({"interface": 2.0, "balance": 0.25})
