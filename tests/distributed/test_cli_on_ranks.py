@@ -138,6 +138,10 @@ REFUSED = {
     ("compare", "squares:n=4"): "agglo compare works in one process, but 2 processes were",
     ("run", "squares:n=4", "--plot", "a.png", "--report", "b.html"): "--plot and --report cannot be used",
     ("run", "squares:n=4", "-o", "out.vtu"): "out.vtu: distributed meshes and solutions are written as .pvtu",
+    ("run", "boxes:n=2", "-o", "out.foam"): (
+        "out.foam: distributed meshes and solutions are written as .pvtu, given '.foam'; to convert a mesh "
+        "use one process: agglo.write('out.foam', *agglo.read_hierarchy('NAME.pvtu'))"
+    ),
     ("run", "nowhere.vtu"): "'nowhere.vtu' is neither an existing file",
     ("run", "squares:n=4", "--parts", "x"): "Invalid value for '--parts'",
     ("solve", "squares:n=4"): "the solver polydg_mg works in one process, but 2 processes were",

@@ -98,7 +98,9 @@ def check_parallel_target(target: Path) -> None:
     """Raise OptionError or FileError unless ``target`` is a ``.pvtu`` file that can be written."""
     if target.suffix.lower() != ".pvtu":
         raise OptionError(
-            f"{target}: distributed meshes and solutions are written as .pvtu, given {target.suffix!r}"
+            f"{target}: distributed meshes and solutions are written as .pvtu, given {target.suffix!r}; to "
+            "convert a mesh use one process: "
+            f"agglo.write({target.name!r}, *agglo.read_hierarchy('NAME.pvtu'))"
         )
     if target.is_dir():
         raise FileError(f"{target} is a folder, expected a file name")
