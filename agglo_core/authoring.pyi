@@ -179,4 +179,8 @@ from agglo_core.split import (
 from agglo_core.split.geometric import InertialBisection as InertialBisection
 from agglo_core.split.piece_growth import PieceGrowth as PieceGrowth
 from agglo_core.split.straight_cuts import SweepBisection as SweepBisection
-from agglo_core.threads import COSTLY as COSTLY, over_ranges as over_ranges
+from agglo_core.threads import (
+    COSTLY as COSTLY,
+    one_blas_thread as one_blas_thread,
+    over_ranges as over_ranges,
+)

@@ -7,13 +7,23 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
+from functools import cache
 from typing import Any, TypeVar
 
 from agglo_core.errors import OptionError
 
-__all__ = ["COSTLY", "mapped", "over_ranges", "ranges", "thread_count", "together", "using_threads"]
+__all__ = [
+    "COSTLY",
+    "mapped",
+    "one_blas_thread",
+    "over_ranges",
+    "ranges",
+    "thread_count",
+    "together",
+    "using_threads",
+]
 
 _VARIABLE = "AGGLO_THREADS"
 _FEW = 20_000  # items (cells, faces) per thread, about a millisecond of work (benchmarks/threads.py)
@@ -181,3 +191,32 @@ def together(n: int, *calls: Callable[[], Any]) -> list[Any]:
     if len(ranges(n)) == 1:
         return [call() for call in calls]
     return list(mapped(lambda call: call(), calls))
+
+
+def one_blas_thread() -> AbstractContextManager[Any]:
+    """Return a context in which BLAS uses one thread, if the package threadpoolctl is installed.
+
+    Threads of BLAS wait for each other where the machine is busy, and on small matrices cost more than they
+    save. The number of threads belongs to the process: of several contexts in different threads at the same
+    time, the first decides. The package comes with scikit-learn, that is with ``agglo[kmeans]``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.threads import one_blas_thread
+    >>> with one_blas_thread():
+    ...     print(np.linalg.inv(np.diag([2.0, 4.0])).diagonal())
+    [0.5  0.25]
+    """
+    pools = _thread_pools()
+    return nullcontext() if pools is None else pools.limit(limits=1, user_api="blas")
+
+
+@cache
+def _thread_pools() -> Any:
+    """Return the thread pools of the process, cached because finding them takes milliseconds, or None."""
+    try:
+        from threadpoolctl import ThreadpoolController
+    except ImportError:
+        return None
+    return ThreadpoolController()

@@ -57,7 +57,7 @@ def require_points(graph: Graph, keywords: Keywords, run: Run) -> None:
         raise OptionError(f"{sizes[0]} needs points, but {problem} n_parts or cells_per_part")
     chosen = run.partitioner or run.bisector
     if getattr(chosen.tool, "needs_points", False):
-        remedy = "choose a bisector that uses edges only, such as 'spectral' or 'metis'"
+        remedy = "choose a bisector that uses edges only, such as 'metis' or 'spectral'"
         raise OptionError(f"{chosen.title} splits by coordinates, but {problem} {remedy}")
 
 

@@ -194,8 +194,8 @@ class Graph(BlockGraph):
             Matrix or array of :mod:`scipy.sparse` in any format, also unsymmetric.
         points : (n, 2 or 3) float, optional
             Coordinates of the nodes. By default all are 0. Then :func:`agglo_core.agglomerate` requires
-            counts (``n_parts``, ``cells_per_part``) and a bisector that uses edges only, such as ``spectral``
-            or ``metis``.
+            counts (``n_parts``, ``cells_per_part``) and a bisector that uses edges only: ``metis`` (extra
+            ``agglo[metis]``), or the slower ``spectral``.
 
         Raises
         ------

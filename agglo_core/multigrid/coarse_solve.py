@@ -13,6 +13,7 @@ from scipy.sparse.linalg import splu
 from agglo_core.arrays import Float
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.stack import Real, Solve
+from agglo_core.threads import one_blas_thread
 
 _MOST = 5_000  # maximum unknowns of a dense inverse: 200 MB, about 20 seconds
 _ROUNDING = 3e-15
@@ -148,7 +149,9 @@ def dense_solve(A: Any, dtype: Any = np.float64) -> Solve:
     rows = sparse.csr_array(A, dtype=np.float64)
     scale = _to_unit_diagonal(rows)
     unit = scale[:, None] * rows.toarray() * scale
-    return _ByInverse((scale[:, None] * _inverse(0.5 * (unit + unit.T)) * scale).astype(dtype))
+    with one_blas_thread():
+        inverse = _inverse(0.5 * (unit + unit.T))
+    return _ByInverse((scale[:, None] * inverse * scale).astype(dtype))
 
 
 def _to_unit_diagonal(A: Any) -> Float:

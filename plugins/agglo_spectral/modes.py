@@ -13,7 +13,15 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from agglo_core.authoring import Float, Graph, Int, block_extents, block_shares, principal_frames
+from agglo_core.authoring import (
+    Float,
+    Graph,
+    Int,
+    block_extents,
+    block_shares,
+    one_blas_thread,
+    principal_frames,
+)
 
 # Entries in a stack of dense matrices, 32 MiB: larger stacks need more memory (benchmarks/constants.py)
 _BATCH = 2**22
@@ -50,14 +58,15 @@ def laplacian_modes(level: Graph, count: int, weighted: bool, dense_limit: int) 
     """
     values = np.full((level.n_blocks, count), np.inf)
     modes = np.zeros((level.n, count))
-    for blocks in _batches(np.diff(level.offsets), dense_limit):
-        part = level.take(blocks)
-        nodes = np.isin(level.block_ids, blocks, kind="table")
-        masses = block_shares(part.weights if weighted else np.ones(part.n), part.block_ids)
-        roots = np.sqrt(np.maximum(masses, np.finfo(float).eps))
-        solve = _dense if np.diff(part.offsets).max() <= dense_limit else _iterative
-        values[blocks], scaled = solve(part, roots, _edge_weights(part, weighted), count)
-        modes[nodes] = scaled / roots[:, None]
+    with one_blas_thread():
+        for blocks in _batches(np.diff(level.offsets), dense_limit):
+            part = level.take(blocks)
+            nodes = np.isin(level.block_ids, blocks, kind="table")
+            masses = block_shares(part.weights if weighted else np.ones(part.n), part.block_ids)
+            roots = np.sqrt(np.maximum(masses, np.finfo(float).eps))
+            solve = _dense if np.diff(part.offsets).max() <= dense_limit else _iterative
+            values[blocks], scaled = solve(part, roots, _edge_weights(part, weighted), count)
+            modes[nodes] = scaled / roots[:, None]
     return values, modes
 
 

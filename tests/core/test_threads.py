@@ -22,7 +22,15 @@ from agglo_core.cli.options.shared import threads_option
 from agglo_core.graph.connection import parts_connected
 from agglo_core.measure import measure_levels
 from agglo_core.mesh.counting_sort import counting_sort
-from agglo_core.threads import mapped, over_ranges, ranges, thread_count, using_threads
+from agglo_core.threads import (
+    _thread_pools,
+    mapped,
+    one_blas_thread,
+    over_ranges,
+    ranges,
+    thread_count,
+    using_threads,
+)
 
 COUNTS = (2, 3, 5)
 PLANE = ("UF", "CR", "CRc", "isoperimetric", "convexity", "star_shapedness", "box_ratio", "edge_ratio")
@@ -240,3 +248,24 @@ def test_threads_and_forks_of_the_user_may_use_threads() -> None:
     if "fork" in multiprocessing.get_all_start_methods():
         with multiprocessing.get_context("fork").Pool(2) as workers:
             assert workers.map_async(labels_of, range(4)).get(timeout=60) == wanted
+
+
+def test_blas_uses_one_thread_in_its_context() -> None:
+    threadpoolctl = pytest.importorskip("threadpoolctl")
+
+    def counts() -> set[int]:
+        return {pool["num_threads"] for pool in threadpoolctl.threadpool_info() if pool["user_api"] == "blas"}
+
+    with threadpoolctl.threadpool_limits(3, user_api="blas"):
+        with one_blas_thread():
+            with one_blas_thread():
+                pass
+            assert counts() == {1}
+        assert counts() == {3}
+
+
+def test_blas_is_left_alone_without_threadpoolctl(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "threadpoolctl", None)
+    monkeypatch.setattr("agglo_core.threads._thread_pools", cache(_thread_pools.__wrapped__))
+    with one_blas_thread():
+        assert np.linalg.inv(np.eye(2)).tolist() == [[1.0, 0.0], [0.0, 1.0]]
