@@ -20,7 +20,8 @@ from agglo_core.errors import AggloError, OptionError
 
 T = TypeVar("T")
 
-# first and longest poll interval of ``meet``, in seconds; longer: less processor time, longer waits
+# first and longest interval between two tests for arrived messages, in seconds; longer: less processor
+# time, longer waits
 # (benchmarks/distributed_mesh.py)
 _PAUSE, _LONGEST = 2e-5, 0.002
 _TAG = 7411  # message tag, unlike tags of other users of the communicator
@@ -101,9 +102,13 @@ class Ranks:
     def gathered(self, value: T) -> list[T]:
         """Collect all ranks' values, in rank order, on every rank (allgather)."""
         self._count(value, self.size - 1)
-        self.meet()
-        found: list[T] = self.comm.allgather(value)
-        return found
+        packed = pickle.dumps(value, protocol=5)
+        sizes = np.empty(self.size, np.int64)
+        _wait(self.comm.Iallgather(np.array([len(packed)], np.int64), sizes))
+        received = bytearray(int(sizes.sum()))
+        _wait(self.comm.Iallgatherv(packed, (received, sizes)))
+        stops, view = np.cumsum(sizes), memoryview(received)
+        return [pickle.loads(view[stop - size : stop]) for size, stop in zip(sizes, stops, strict=True)]
 
     def summed(self, value: float) -> float:
         """Sum a value over all ranks, in rank order, so that the result is equal on all of them."""
@@ -120,15 +125,18 @@ class Ranks:
         """
         total = np.empty_like(values)
         self._count(values, 1 if self.size > 1 else 0)
-        self.meet()
-        self.comm.Allreduce(np.ascontiguousarray(values), total, op=getattr(_mpi(), how.upper()))
+        _wait(self.comm.Iallreduce(np.ascontiguousarray(values), total, op=getattr(_mpi(), how.upper())))
         return total
 
     def from_first(self, value: T) -> T:
         """Return rank 0's value on every rank (broadcast)."""
         self._count(value, self.size - 1 if self.rank == 0 else 0)
-        self.meet()
-        found: T = self.comm.bcast(value, root=0)
+        packed = pickle.dumps(value, protocol=5) if self.rank == 0 else b""
+        size = np.array([len(packed)], np.int64)
+        _wait(self.comm.Ibcast(size, root=0))
+        received = bytearray(packed) if self.rank == 0 else bytearray(int(size[0]))
+        _wait(self.comm.Ibcast(received, root=0))
+        found: T = pickle.loads(received)
         return found
 
     def exchanged(self, parcels: Mapping[int, T]) -> dict[int, T]:
@@ -144,13 +152,13 @@ class Ranks:
             self._count(data, 1)
         receive_sizes = np.empty(self.size, np.int64)
         self._count(0, self.size - 1)
-        self.meet()
-        self.comm.Alltoall(sizes, receive_sizes)
+        _wait(self.comm.Ialltoall(sizes, receive_sizes))
         # Exchange the pickled parcels.
         buffers = {int(rank): bytearray(int(receive_sizes[rank])) for rank in np.flatnonzero(receive_sizes)}
         requests = [self.comm.Irecv(buffer, source=rank, tag=_TAG) for rank, buffer in buffers.items()]
         requests += [self.comm.Isend(data, dest=to, tag=_TAG) for to, data in packed.items()]
-        _mpi().Request.Waitall(requests)
+        for request in requests:
+            _wait(request)
         result = {rank: pickle.loads(data) for rank, data in buffers.items()}
         if self.rank in parcels:
             result[self.rank] = parcels[self.rank]
@@ -163,16 +171,8 @@ class Ranks:
         return sent
 
     def meet(self) -> None:
-        """Wait until all ranks arrive (barrier), without occupying the processor.
-
-        MPI itself would wait in a busy loop. Every collective operation starts with this call.
-        """
-        if self.size == 1:
-            return
-        request, pause = self.comm.Ibarrier(), 0.0
-        while not request.Test():
-            time.sleep(pause)
-            pause = min(pause + _PAUSE, _LONGEST)
+        """Wait until all ranks arrive (barrier)."""
+        _wait(self.comm.Ibarrier())
 
     @contextmanager
     def together(self) -> Iterator[None]:
@@ -198,6 +198,14 @@ class Ranks:
         if times > 0:
             self.traffic.messages += times
             self.traffic.bytes += times * _weight(value)
+
+
+def _wait(request: Any) -> None:
+    """Wait for messages without occupying the processor. MPI itself would wait in a busy loop."""
+    pause = 0.0
+    while not request.Test():
+        time.sleep(pause)
+        pause = min(pause + _PAUSE, _LONGEST)
 
 
 def _weight(value: Any) -> int:
