@@ -259,30 +259,33 @@ def test_what_a_damaged_file_holds_is_compiled_anew(tmp_path: Path, damage: str)
 
 
 @pytest.mark.slow
-def test_runs_with_damaged_files_of_kernels_give_the_same_labels(tmp_path: Path) -> None:
+def test_runs_with_damaged_files_of_kernels_print_the_same(tmp_path: Path) -> None:
     whole, damaged, answers = tmp_path / "whole", tmp_path / "damaged", set()
     rng = np.random.default_rng(1)
-    for trial in range(16):
+    for trial in range(11):
         cache = whole if trial == 0 else damaged
         if trial > 0:
             shutil.rmtree(damaged, ignore_errors=True)
             shutil.copytree(whole, damaged)
             files = sorted(damaged.rglob("*.nbc"))
+            assert len(files) > 6
             for file in rng.choice(len(files), 3, replace=False):
                 data = files[file].read_bytes()
                 damage = list(DAMAGES.values())[rng.integers(len(DAMAGES))]
                 files[file].write_bytes(damage(data, rng.integers(max(1, len(data) - 64))))
         run = subprocess.run(
-            [sys.executable, "-c", LABELS],
+            [sys.executable, "-c", SMALL_KERNELS],
             env=os.environ | {"NUMBA_CACHE_DIR": str(cache)}, capture_output=True, text=True, check=True,
         )  # fmt: skip
         answers.add(run.stdout)
     assert len(answers) == 1
 
 
-LABELS = """
-import agglo_core as agglo
-print(agglo.agglomerate(agglo.samples.squares(8), bisector="coordinate", n_parts=8, polish=False).levels)
+SMALL_KERNELS = """
+import numpy as np
+from agglo_core import samples
+mesh, labels = samples.squares(8), np.arange(64) // 8
+print(mesh.graph.part_diameters(labels), mesh.graph.components(labels), mesh.coarsen(labels).cells)
 """
 
 
@@ -292,7 +295,7 @@ import numba, numpy as np
 from agglo_core.authoring import kernel
 
 numba.njit(lambda x: 2 * x)(1.5)  # the compiler is there; what it does first is done once
-for trial in range(30):
+for trial in range(10):
     numba.config.CACHE_DIR = f"cold{trial}"
     start = os.pipe()
     children = []
@@ -318,13 +321,13 @@ for trial in range(30):
 
 @pytest.mark.slow
 def test_twenty_processes_share_an_empty_cache(tmp_path: Path) -> None:
-    """They compile four signatures of one kernel at once, thirty times; one more finds its own on disk."""
+    """They compile four signatures of one kernel at once, ten times; one more finds its own on disk."""
     (tmp_path / "helpers.py").write_text(HELPERS.format(factor=5))
     (tmp_path / "loops.py").write_text(LOOPS)
     run = subprocess.run(
         [sys.executable, "-c", AT_ONCE], cwd=tmp_path, capture_output=True, text=True, check=True
     )
-    assert run.stdout.split() == ["0"] * 30
+    assert run.stdout.split() == ["0"] * 10
     assert run.stderr == ""
 
 
