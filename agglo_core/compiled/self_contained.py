@@ -65,15 +65,15 @@ class _HelperLibrary(JITCodeLibrary):
     (benchmarks/first_run.py).
     """
 
-    def _optimize_functions(self, ll_module: Any) -> None:
-        ll_module.data_layout = self._codegen._data_layout
-
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
+    def finalize(self) -> None:
+        # Callees are linked to kernels only. Linked here, they would be copied once more for every caller.
+        for library in self._linking_libraries:
+            self._reload_init.update(library._reload_init)
         self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
         self._finalized = True
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
@@ -94,7 +94,8 @@ class _HelperLowering(NativeLowering):
         entry = cpu._dynfunc.make_function(  # type: ignore[attr-defined]
             lowered.fndesc.lookup_module(), name, "", 0, lowered.env, (state.library,)
         )
-        state.targetctx.insert_user_function(entry, lowered.fndesc, [state.library])
+        libraries = [state.library, *state.library._linking_libraries]
+        state.targetctx.insert_user_function(entry, lowered.fndesc, libraries)
         state.reload_init.extend(state.library._reload_init)
         state["cr"] = lowered._replace(cfunc=entry)
         return changed
