@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from conformance.mutants.bisectors import CrashesOnOneCell, NamesOfSides, SwapsSides
 from conformance.mutants.hanging import Dies
@@ -15,7 +17,8 @@ from conformance.mutants.samples import bars
 
 from agglo_core import Component, Diffusion, OptionError, PluginError, Registry, hookimpl
 from agglo_core.cli import main
-from agglo_core.conformance import check, conformance
+from agglo_core.conformance import Result, check, conformance
+from agglo_core.conformance.base.law import Law
 from agglo_core.conformance.base.subject import subject_of
 from agglo_core.conformance.engine.judging import judge, laws_for
 from agglo_core.conformance.engine.reference import TwoPointFlux
@@ -129,6 +132,7 @@ def test_a_component_may_be_a_name_a_declaration_a_class_or_an_object() -> None:
     ("given", "says"),
     [
         ("nothing", "no component is named 'nothing'; there are .*kmeans"),
+        ("intertial", "no component is named 'intertial' \\(did you mean 'inertial'\\?\\)"),
         ("bisector:nothing", "no bisector is named 'nothing'"),
         ("wizard:nothing", "unknown kind"),
         (3, "has none of the methods"),
@@ -213,11 +217,13 @@ def test_another_process_says_the_same() -> None:
 
 def test_a_component_that_hangs_is_stopped() -> None:
     hangs = Component("bisector", "hangs", "conformance.mutants.hanging:Hangs")
-    messages = {r.law: r.message for r in check(hangs, timeout=2)}
+    results = check(hangs, timeout=2)
+    messages = {r.law: r.message for r in results}
     assert list(messages) == [law.name for law in laws_for(subject_of(hangs))]
     assert messages["builds"] == ""
-    assert "no answer after 2 seconds: look for a loop" in messages["answers"]
-    assert "not run: the component had to be stopped twice" in messages["works_in_a_run"]
+    assert "no answer after 2 CPU seconds: look for a loop" in messages["answers"]
+    last = next(result for result in results if result.law == "works_in_a_run")
+    assert (last.state, last.message) == ("not run", "the component had to be stopped twice")
 
 
 @pytest.mark.slow
@@ -272,6 +278,51 @@ def test_xfail_is_strict() -> None:
         conformance(CrashesOnOneCell, xfail={"symmetric": "not asked"})("is_found")
 
 
+class NoBounds:
+    """A metric without two of the attributes that its kind requires."""
+
+    better = "low"
+
+    def measure(self, mesh: Any, labels: Any) -> Any:
+        return np.bincount(labels, mesh.cell_measures)
+
+
+def test_one_cause_is_reported_once() -> None:
+    messages = {r.law: r.message for r in check(NoBounds) if not r.passed}
+    assert "bounds is None" in messages["declares_itself"]
+    assert "homogeneity is None" in messages.pop("declares_itself")
+    assert len(messages) > 5
+    assert set(messages.values()) == {"the same fault as in declares_itself"}
+
+
+def test_an_error_of_the_suite_is_not_blamed_on_the_component() -> None:
+    def wrong(subject: object) -> None:
+        """Sentences are true."""
+        raise IndexError("axis 0 index 8887 exceeds matrix dimension 36")
+
+    result = judge(Law(("metric",), None, None, wrong), subject_of("metric:cells"))
+    assert result.state == "suite error"
+    assert "IndexError: axis 0 index 8887" in result.message
+    assert "please report it" in result.message
+
+
+def test_laws_can_be_chosen() -> None:
+    assert [r.law for r in check("metric:cells", laws=["finite", "builds"])] == ["builds", "finite"]
+    assert [r.law for r in check("metric:cells", timeout=60, laws=["finite"])] == ["finite"]
+    with pytest.raises(OptionError, match=r"named 'finit' \(did you mean 'finite'\?\)"):
+        check("metric:cells", laws=["finit"])
+
+
+def test_the_pytest_front_takes_promises_thoroughness_and_a_time_limit() -> None:
+    with pytest.raises(AssertionError, match="drop the promise connected"):
+        conformance("bisector:inertial", promises={"connected": True})("connected")
+    thorough = conformance("bisector:inertial", thorough=True)
+    (mark,) = thorough.pytestmark  # type: ignore[attr-defined]
+    assert ("large_meshes",) in [parameter.values for parameter in mark.args[1][1:]]
+    with pytest.raises(AssertionError, match="the process died"):
+        conformance(Dies, timeout=60)("answers")
+
+
 # --- command line -----------------------------------------------------------------------------------
 
 
@@ -281,10 +332,30 @@ def test_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     results = json.loads(capsys.readouterr().out)
     assert {r["law"] for r in results} <= {law.name for law in all_laws()}
     assert all(r["passed"] for r in results)
+    assert {r["state"] for r in results} == {"ok"}
     for arguments in (["nothing"], ["diameter_ratio"], ["cells", "--timeout", "0"], ["cells:colour=red"]):
         with pytest.raises(SystemExit, match=r"^2$"):
             main(["check", *arguments])
         assert capsys.readouterr().err.startswith("error: ")
+
+
+def test_exit_codes_and_the_order_of_the_table(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    holds = Result("builds", "It can be built.", "ok", "", 0.1)
+    fails = Result("answers", "It answers.", "FAILS", "it raised", 0.1, None, "here")
+    again = replace(fails, law="finite", message="the same fault as in answers")
+    idle = Result("holes", "Holes are served.", "not run", "the component had to be stopped twice", 0.0)
+    for results, code in (([holds], 0), ([holds, fails, again, idle], 3), ([holds, idle], 4)):
+        monkeypatch.setattr("agglo_core.conformance.check", lambda *_, results=results, **__: results)
+        with pytest.raises(SystemExit, match=f"^{code}$"):
+            main(["check", "cells"])
+        text = capsys.readouterr().out
+        assert text.rstrip().splitlines()[-1].startswith(f"cells: 1 of {len(results)} laws hold")
+        if code == 3:
+            assert text.index("answers") < text.index("holes") < text.index("builds")
+            assert text.count("it raised") == 1
+            assert "2 fail, 1 not run" in text
 
 
 def test_a_plugin_outside_the_repository_passes(outside: dict[str, Any]) -> None:
@@ -307,7 +378,7 @@ def test_a_hanging_plugin_is_stopped(outside: dict[str, Any]) -> None:
     assert code == 3
     (result,) = json.loads(text)  # nothing is left to judge
     assert result["law"] == "builds"
-    assert "no answer after 1 seconds: look for a loop" in result["message"]
+    assert "no answer after 1 CPU seconds: look for a loop" in result["message"]
 
 
 def test_the_first_front_needs_no_pytest(outside: dict[str, Any]) -> None:

@@ -134,8 +134,9 @@ def test_a_component_that_hangs_is_stopped(zoo: Path, tmp_path: Path) -> None:
     (answer,) = converse(zoo, [["check", "bisector:sleeper", "--timeout", "1", "--json"]], tmp_path)
     assert answer.code == 3
     messages = [result["message"] for result in json.loads(answer.out) if not result["passed"]]
-    assert messages[0].startswith("no answer after 1 seconds")
-    assert messages[-1] == "not run: the component had to be stopped twice"
+    assert messages[0].startswith("no answer after 1 CPU seconds")
+    assert messages[-1] == "the component had to be stopped twice"
+    assert json.loads(answer.out)[-1]["state"] == "not run"
 
 
 @pytest.mark.parametrize("name", UNUSABLE)

@@ -17,6 +17,7 @@ from agglo_core.registry.declarations import faults
 from agglo_core.registry.kinds import kind_of_methods
 from agglo_core.registry.options import wants_registry
 from agglo_core.registry.records import unusable
+from agglo_core.suggestions import did_you_mean
 
 
 @dataclass(frozen=True)
@@ -217,10 +218,10 @@ def find(text: str, kind: str | None = None, registry: Registry | None = None) -
     broken = [record for record in lookup.list() if record.name == base_name and record.state == "broken"]
     if broken:  # a component of an unknown kind
         raise PluginError(f"{describe(broken[0])} cannot be used: {unusable(broken[0])}")
-    names = ", ".join(sorted({record.name for record in lookup.list() if record.kind in KINDS}))
+    names = sorted({record.name for record in lookup.list() if record.kind in KINDS})
     failures = "; ".join(f"{describe(r)}: {r.reason}" for r in lookup.list() if r.kind == "plugin")
     raise PluginError(
-        f"no component is named {text!r}; there are {names}"
+        f"no component is named {text!r}{did_you_mean(base_name, names)}; there are {', '.join(names)}"
         + (f"; plugins that cannot be used: {failures}" if failures else "")
     )
 

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+ATTRIBUTES = "required attributes"
+"""Cause of failures by attributes that are missing or invalid."""
+
 
 class Broken(Exception):
     """Exception raised if a component breaks a law.
 
-    The message states the fault and its remedy.
+    Parameters
+    ----------
+    message : str
+        The fault and its remedy.
+    cause : str
+        Key of the cause; failures with equal keys are reported once. Empty if the fault is the law's own.
     """
 
+    def __init__(self, message: str, cause: str = "") -> None:
+        super().__init__(message)
+        self.cause = cause
 
-def require(holds: object, message: str) -> None:
+
+def require(holds: object, message: str, cause: str = "") -> None:
     """Raise :class:`Broken` with the message if the condition ``holds`` is false."""
     if not holds:
-        raise Broken(message)
+        raise Broken(message, cause)

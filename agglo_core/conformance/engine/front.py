@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache
 from typing import Any
 
 from agglo_core.conformance.base.subject import Subject, subject_of
-from agglo_core.conformance.engine.judging import judge, laws_for
+from agglo_core.conformance.engine.judging import Result, judge, laws_for, report_once
+from agglo_core.conformance.engine.runner import check
 from agglo_core.conformance.laws import all_laws
 from agglo_core.errors import AggloError, OptionError
 from agglo_core.registry import Registry
@@ -18,7 +21,10 @@ def conformance(
     *,
     xfail: Mapping[str, str] | None = None,
     options: Mapping[str, Any] | None = None,
+    promises: Mapping[str, bool | float] | None = None,
     registry: Registry | None = None,
+    thorough: bool = False,
+    timeout: float | None = None,
 ) -> Callable[..., None]:
     """Make a pytest function that tests a component, with one test per law.
 
@@ -26,8 +32,8 @@ def conformance(
 
     Parameters
     ----------
-    component, kind, options, registry
-        As in :func:`check`.
+    component, kind, options, promises, registry, thorough, timeout
+        As in :func:`check`. With a timeout, the first test judges all laws in a child process.
     xfail : mapping of law to reason, optional
         Laws known to fail. The marks are strict: a listed law that passes is a failure.
 
@@ -48,10 +54,29 @@ def conformance(
     if unknown := sorted(set(excused) - {law.name for law in all_laws()}):
         raise OptionError(f"xfail names {unknown[0]!r}, which is not a law")
     try:
-        subject: Subject | None = subject_of(component, kind, options=options, registry=registry)
+        subject: Subject | None = replace(
+            subject_of(component, kind, options=options, promises=promises, registry=registry),
+            thorough=thorough,
+        )
         problem = ""
     except AggloError as error:
         subject, problem = None, str(error)
+    judged: list[Result] = []
+
+    @cache
+    def judge_in_child() -> Mapping[str, Result]:
+        results = check(
+            component, kind, timeout, options=options, promises=promises, registry=registry, thorough=thorough
+        )
+        return {result.law: result for result in results}
+
+    def result_of(law: str) -> Result:
+        if timeout is not None:
+            return judge_in_child()[law]
+        assert subject is not None
+        judged.append(judge(laws[law], subject))
+        return report_once(judged)[-1]
+
     laws = {law.name: law for law in laws_for(subject)} if subject else {}
     if idle := sorted(set(excused) - set(laws)):
         problem = problem or f"xfail names {idle[0]!r}, which does not apply here"
@@ -68,7 +93,9 @@ def conformance(
             assert laws, "no law applies to it"
             return
         assert subject is not None
-        result = judge(laws[law], subject)
+        result = result_of(law)
+        if result.state == "not run":
+            pytest.skip(result.message)
         assert result.passed, f"{subject.title}: {law}: {result.message}"
 
     return test

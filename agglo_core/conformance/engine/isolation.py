@@ -1,4 +1,7 @@
-"""Test a component in a child process, so that it is stopped and reported if it hangs or crashes."""
+"""Test a component in a child process, so that it is stopped and reported if it hangs or crashes.
+
+Time limits count the CPU seconds of the child process, so that other load on the machine does not matter.
+"""
 
 from __future__ import annotations
 
@@ -11,41 +14,47 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import IO, Any
 
 from agglo_core.conformance.base.handing_over import environment, subject_from, task_of
 from agglo_core.conformance.base.own_components import own_components
 from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.engine.judging import Result, judge, laws_for
+from agglo_core.conformance.engine.judging import Result, State, judge, laws_for
 from agglo_core.conformance.laws import all_laws, laws_of
 from agglo_core.errors import OptionError
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
 _STOPS = 2  # number of timeouts after which the remaining laws are skipped
-_START = 120.0  # seconds to import the suite and the component, and to compile kernels
+_START = 120.0  # CPU seconds to import the suite and the component, and to compile kernels
 _START_ANOTHER = ("same_in_another_process",)  # laws that start a child process themselves
 
+_POLL = 0.1  # wall-clock seconds between two looks at the clock of the child process
+_IDLE = 0.02  # a process that used a smaller share of the time limit waits for something that never comes
+
 Listen = Callable[[float], dict[str, Any]]
-"""Return the next message of the child process; the argument is the timeout in seconds."""
+"""Return the next message of the child process; the argument is the limit in CPU seconds."""
 
 
 class _Stopped(Exception):
     """Exception for a timeout or crash of the child process."""
 
 
-def judge_apart(subject: Subject, timeout: float) -> list[Result]:
-    """Test a component against all its laws in child processes, with ``timeout`` seconds per law.
+def judge_apart(subject: Subject, timeout: float, names: Sequence[str] = ()) -> list[Result]:
+    """Test a component against its laws in child processes, with ``timeout`` CPU seconds per law.
 
-    After the second timeout or crash the remaining laws are reported as not run.
+    With ``names``, only against these laws. After the second timeout or crash the remaining laws are
+    reported as not run.
 
     Raises
     ------
     OptionError
-        If the component is an object, which another process cannot import, or needs an option.
+        If the component is an object, which another process cannot import, or needs an option; or if a law
+        does not apply.
     """
-    task, results, pending_laws = task_of(subject), list[Result](), list[str]()
+    task, results, pending_laws = task_of(subject), list[Result](), list(names)
     for _ in range(_STOPS):
         try:
             # Start a child process; after a timeout or crash the next child continues with the laws left.
@@ -58,12 +67,12 @@ def judge_apart(subject: Subject, timeout: float) -> list[Result]:
                     pending_laws = pending_laws[1:]
             return results
         except _Stopped as stopped:
-            results.append(_failed_result(pending_laws[0] if pending_laws else "builds", str(stopped)))
+            results.append(_result(pending_laws[0] if pending_laws else "builds", "FAILS", str(stopped)))
             pending_laws = pending_laws[1:]
             if not pending_laws:
                 return results
     return results + [
-        _failed_result(name, "not run: the component had to be stopped twice") for name in pending_laws
+        _result(name, "not run", "the component had to be stopped twice") for name in pending_laws
     ]
 
 
@@ -87,11 +96,10 @@ def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
 
         # Wait for a message; silence and a dead process raise _Stopped.
         def next_message(seconds: float, timeout: float) -> dict[str, Any]:
-            try:
-                line = lines.get(timeout=max(seconds, 0.0))
-            except queue.Empty:
+            line = _next_line(lines, child.pid, seconds)
+            if line is None:
                 remedy = "look for a loop that may not terminate, or allow more time with --timeout"
-                raise _Stopped(f"no answer after {timeout:g} seconds: {remedy}") from None
+                raise _Stopped(f"no answer after {timeout:g} CPU seconds: {remedy}")
             if not line:
                 errors.seek(0)
                 last = (errors.read().strip().splitlines() or ["it left no message"])[-1]
@@ -105,11 +113,11 @@ def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
         def listen(seconds: float) -> dict[str, Any]:
             seconds_left = seconds
             while True:
-                start = time.monotonic()
+                start = _clock(child.pid)
                 message = next_message(seconds_left, seconds)
                 if "compiling" not in message:
                     return message
-                seconds_left -= time.monotonic() - start
+                seconds_left -= _clock(child.pid) - start
                 if message["compiling"]:  # compilation is off the clock
                     next_message(_START, _START)
 
@@ -136,16 +144,42 @@ def _read(stream: IO[str], lines: queue.Queue[str]) -> None:
     lines.put("")
 
 
-def _failed_result(name: str, message: str) -> Result:
+def _next_line(lines: queue.Queue[str], pid: int, seconds: float) -> str | None:
+    """Return the next line of a child process, or None if it uses up its CPU seconds or waits forever."""
+    began, started = time.monotonic(), _clock(pid)
+    seen, seen_at = started, began
+    while True:
+        with contextlib.suppress(queue.Empty):
+            return lines.get(timeout=_POLL)
+        now, used = time.monotonic(), _clock(pid)
+        if used - started > seconds:
+            return None
+        # Waiting for a lock or asleep: hardly any CPU time within one time limit.
+        if now - seen_at > max(seconds, _POLL):
+            if used - seen < _IDLE * (now - seen_at):
+                return None
+            seen, seen_at = used, now
+
+
+def _clock(pid: int) -> float:
+    """Return the CPU seconds of a process and its finished children; without ``/proc``, the wall clock."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return time.monotonic()
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+
+
+def _result(name: str, state: State, message: str) -> Result:
     law = next(law for law in all_laws() if law.name == name)
-    return Result(law.name, law.sentence, False, message, 0.0, law.promise)
+    return Result(law.name, law.sentence, state, message, 0.0, law.promise)
 
 
 def main() -> None:
     """Test the component described on stdin, and print each law's result as a line of JSON.
 
-    Other output goes to stderr. The parent starts its clock after the imports, and stops it while numba
-    compiles or loads kernels.
+    Other output goes to stderr. The parent counts CPU seconds after the imports, except while numba compiles
+    or loads kernels.
     """
     from agglo_core.conformance.engine.compilation import tell_of_compilation
 
@@ -170,10 +204,10 @@ def main() -> None:
         tell_of_compilation(lambda under_way: send_message(compiling=under_way))
         # Select the laws, then judge and report them one by one.
         try:
-            laws = {law.name: law for law in laws_for(subject)}
+            laws = {law.name: law for law in laws_for(subject, task["laws"])}
         except OptionError as error:
             send_message(refused=str(error))
             return
-        send_message(laws=task["laws"] or list(laws))
-        for name in task["laws"] or laws:
-            send_message(**asdict(judge(laws[name], subject)))
+        send_message(laws=list(laws))
+        for law in laws.values():
+            send_message(**asdict(judge(law, subject)))

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import sys
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+import traceback
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
 
 from agglo_core.conformance.base.law import Law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.surroundings import Snapshot
-from agglo_core.conformance.base.verdict import Broken
+from agglo_core.conformance.base.verdict import ATTRIBUTES, Broken
 from agglo_core.conformance.laws import laws_of
 from agglo_core.errors import OptionError
 from agglo_core.registry.containment import PLUGIN_FAILURES
+from agglo_core.suggestions import did_you_mean
+
+State = Literal["ok", "FAILS", "not run", "suite error"]
 
 
 @dataclass(frozen=True)
@@ -23,14 +30,17 @@ class Result:
     ----------
     law, sentence : str
         Law name and statement.
-    passed : bool
-        True if the component obeys the law.
+    state : str
+        ``ok``; ``FAILS``; ``not run``, if the component was stopped before; or ``suite error``, if the suite
+        raised an exception that did not come from the component.
     message : str
         Fault and remedy; empty if the law holds.
     seconds : float
-        Wall-clock time.
+        CPU seconds of the process.
     promise : str or None
         Promise that switched the law on.
+    cause : str
+        Key of the cause of a failure. Failures of one cause have equal keys; empty if there is no other.
 
     Examples
     --------
@@ -43,21 +53,27 @@ class Result:
 
     law: str
     sentence: str
-    passed: bool
+    state: State
     message: str
     seconds: float
     promise: str | None = None
+    cause: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """True if the component obeys the law."""
+        return self.state == "ok"
 
 
-def laws_for(subject: Subject) -> Sequence[Law]:
+def laws_for(subject: Subject, names: Iterable[str] = ()) -> Sequence[Law]:
     """Return the laws that apply to the component under test, in the order of testing.
 
-    The list is never empty.
+    With ``names``, only these laws. The list is never empty.
 
     Raises
     ------
     OptionError
-        If the component cannot be built without an option, or its kind has no laws.
+        If the component cannot be built without an option, its kind has no laws, or a law does not apply.
     """
     before = Snapshot()
     try:
@@ -72,26 +88,93 @@ def laws_for(subject: Subject) -> Sequence[Law]:
     laws = [law for law in laws_of(subject.kind) if law.applies(subject)]
     if not laws:
         raise OptionError(f"there are no laws for a {subject.kind}")
-    return laws
+    chosen, applicable = list(names), {law.name: law for law in laws}
+    for name in chosen:
+        if name not in applicable:
+            raise OptionError(
+                f"no law for this {subject.kind} is named {name!r}{did_you_mean(name, applicable)}; "
+                f"applicable: {', '.join(applicable)}"
+            )
+    return [law for law in laws if not chosen or law.name in chosen]
 
 
 def judge(law: Law, subject: Subject) -> Result:
     """Test a component against one law.
 
-    Any exception of the component is a failure. Process settings changed by the component are restored, so
-    that later laws detect the change again.
+    Any exception of the component is a failure; an exception of the suite is a suite error. Process settings
+    changed by the component are restored, so that later laws detect the change again.
     """
-    start, before = time.perf_counter(), Snapshot()
-    message = ""
+    start, before = time.process_time(), Snapshot()
+    state: State = "ok"
+    message, cause = "", ""
     try:
         law.judge(subject)
     except Broken as error:
-        message = str(error)
+        state, message = "FAILS", str(error)
+        cause = _cause(subject, error)
     except PLUGIN_FAILURES as error:
-        message = (
-            f"{type(error).__name__}: {error}: the component raised an error where the law requires an answer"
-        )
-    seconds = time.perf_counter() - start
+        state, message, cause = _blame(subject, error)
+    seconds = time.process_time() - start
     if before.changed():
         before.restore()
-    return Result(law.name, law.sentence, not message, message, seconds, law.promise)
+    return Result(law.name, law.sentence, state, message, seconds, law.promise, cause)
+
+
+def report_once(results: Sequence[Result]) -> list[Result]:
+    """Replace the message of each failure whose cause an earlier failure has reported."""
+    first: dict[str, str] = {}
+    reported = []
+    for result in results:
+        law = first.setdefault(result.cause, result.law) if result.state == "FAILS" and result.cause else ""
+        repeated = bool(law) and law != result.law
+        reported.append(replace(result, message=f"the same fault as in {law}") if repeated else result)
+    return reported
+
+
+def _cause(subject: Subject, error: BaseException) -> str:
+    """Return the key of the cause of a failure: as given, or the line of the component that raised it."""
+    chain: BaseException | None = error
+    while chain is not None:
+        key = chain.cause if isinstance(chain, Broken) else _place(subject, chain)
+        if key:
+            return key
+        chain = chain.__cause__
+    return ""
+
+
+def _blame(subject: Subject, error: BaseException) -> tuple[State, str, str]:
+    """Return state, message and cause for an exception that a law did not expect."""
+    text = f"{type(error).__name__}: {error}"
+    if isinstance(error, AttributeError) and _is_component(subject, error.obj):
+        return "FAILS", f"it has no attribute {error.name!r}, which its kind requires", ATTRIBUTES
+    if place := _place(subject, error):
+        return "FAILS", f"{text} ({place}): the component raised an error where an answer is required", place
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    return (
+        "suite error",
+        f"{text} ({frame.filename}:{frame.lineno}): the suite failed, perhaps on an answer of a form that it "
+        "does not expect; please report it",
+        "",
+    )
+
+
+def _is_component(subject: Subject, value: object) -> bool:
+    """Return True if a value is the component under test, its class, or built from this class."""
+    target = subject.target
+    return value is target or isinstance(value, target if isinstance(target, type) else type(target))
+
+
+def _place(subject: Subject, error: BaseException) -> str:
+    """Return type and last line of an exception in the code of the component; empty if it passed none."""
+    module = str(getattr(subject.target, "__module__", type(subject.target).__module__))
+    top = module.partition(".")[0]
+    # All of a plugin's package is the component; of this package only the module itself.
+    file = getattr(sys.modules.get(module if top == "agglo_core" else top), "__file__", None)
+    home = Path(file) if file else None
+    if home is not None and home.name == "__init__.py":
+        home = home.parent
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        path = Path(frame.filename)
+        if home is not None and (path == home or home in path.parents):
+            return f"{type(error).__name__} at {path}:{frame.lineno}"
+    return ""

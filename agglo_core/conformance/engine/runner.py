@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from agglo_core.conformance.base.subject import subject_of
 from agglo_core.conformance.engine.isolation import judge_apart
-from agglo_core.conformance.engine.judging import Result, judge, laws_for
+from agglo_core.conformance.engine.judging import Result, judge, laws_for, report_once
 from agglo_core.errors import OptionError
 from agglo_core.registry import Registry
 
@@ -22,6 +22,7 @@ def check(
     promises: Mapping[str, bool | float] | None = None,
     registry: Registry | None = None,
     thorough: bool = False,
+    laws: Sequence[str] = (),
 ) -> list[Result]:
     """Test a component against every law that applies, without stopping at a failure.
 
@@ -33,8 +34,8 @@ def check(
     kind : str, optional
         Component kind, needed if the name is ambiguous.
     timeout : float, optional
-        Maximum time per law in seconds. The laws then run in a child process, which is stopped at a
-        timeout. Not available for objects.
+        Maximum CPU seconds per law. The laws then run in a child process, which is stopped at a timeout, or
+        if it waits that long for something that never comes. Not available for objects.
     options : mapping, optional
         Component options.
     promises : mapping, optional
@@ -44,11 +45,18 @@ def check(
         only the component and not the rest of the registry.
     thorough : bool
         Judge the laws on large meshes as well.
+    laws : sequence of str
+        Names of the laws to judge; by default all that apply.
+
+    Returns
+    -------
+    list of Result
+        One result for each law, in the order of testing. Failures of one cause say so after the first.
 
     Raises
     ------
     PluginError, OptionError
-        If the component does not exist or cannot be used.
+        If the component does not exist or cannot be used, or a law does not apply to it.
 
     Examples
     --------
@@ -59,7 +67,7 @@ def check(
     subject = subject_of(component, kind, options=options, promises=promises, registry=registry)
     subject = replace(subject, thorough=thorough)
     if timeout is None:
-        return [judge(law, subject) for law in laws_for(subject)]
+        return report_once([judge(law, subject) for law in laws_for(subject, laws)])
     if not timeout > 0:
         raise OptionError(f"timeout must be positive, given {timeout}")
-    return judge_apart(subject, timeout)
+    return report_once(judge_apart(subject, timeout, laws))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from math import inf
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.base.verdict import ATTRIBUTES, Broken, require
 from agglo_core.conformance.inputs.cases import cases, tiny
 from agglo_core.conformance.inputs.mesh_changes import MOTIONS, Change
 from agglo_core.conformance.inputs.metric_cases import (
@@ -47,21 +48,19 @@ def declares_itself(subject: Subject) -> None:
     """Attributes declare direction, bounds, homogeneity (power of length) and special properties."""
     tool = subject.build()
     better, bounds, power = (getattr(tool, name, None) for name in ("better", "bounds", "homogeneity"))
-    require(better in ("high", "low"), f"attribute better is {better!r}, expected 'high' or 'low'")
-    require(
-        isinstance(bounds, tuple) and len(bounds) == 2 and bounds[0] < bounds[1],
-        f"attribute bounds is {bounds!r}, expected (lowest, highest), for instance (0.0, 1.0) or (0.0, inf)",
-    )
-    require(
-        isinstance(power, int),
-        f"attribute homogeneity is {power!r}, expected a whole number: 0 for ratios, 1 for lengths",
-    )
-    for name in _TOLD:
-        value = getattr(tool, name, False)
-        require(
-            isinstance(value, bool),
-            f"attribute {name} is {value!r}, expected True or False, or no such attribute",
-        )
+    good_bounds = isinstance(bounds, tuple | list) and len(bounds) == 2 and bounds[0] < bounds[1]
+    faults = {
+        f"better is {better!r}, expected 'high' or 'low'": better in ("high", "low"),
+        f"bounds is {bounds!r}, expected (lowest, highest), such as (0.0, 1.0) or (0.0, inf)": good_bounds,
+        f"homogeneity is {power!r}, expected a number: 0 for ratios, 1 for lengths": isinstance(power, Real),
+    }
+    flags = {name: getattr(tool, name, False) for name in _TOLD}
+    faults |= {
+        f"{name} is {value!r}, expected True or False, or no such attribute": isinstance(value, bool)
+        for name, value in flags.items()
+    }
+    wrong = [fault for fault, holds in faults.items() if not holds]
+    require(not wrong, f"attributes: {'; '.join(wrong)}", ATTRIBUTES)
 
 
 @law("metric")

@@ -41,13 +41,13 @@ def same_parts(graph: Graph, before: NDArray[Any], after: NDArray[Any]) -> bool:
 
 @law("refiner", "fixer")
 def bounded_time(subject: Subject) -> None:
-    """A call takes at most 20 seconds for 5,000 cells, and proportionally less for fewer cells."""
+    """A call takes at most 20 CPU seconds for 5,000 cells, and proportionally less for fewer cells."""
     slow = too_slow(subject)
     if slow is not None:
         raise Broken(
-            f"{slow.cells:,} cells took {slow.seconds:.1f} s, at most {TIME_LIMIT:g} s are allowed for "
-            "5,000 cells: visit only cells on the border of parts, bound the number of sweeps, update values "
-            "instead of recomputing them"
+            f"{slow.cells:,} cells took {slow.seconds:.1f} CPU seconds, at most {TIME_LIMIT:g} are allowed "
+            "for 5,000 cells: visit only cells on the border of parts, bound the number of sweeps, and "
+            "update values instead of recomputing them"
         )
 
 

@@ -119,8 +119,8 @@ def test_numbers_of_a_file_are_whole(show: Show, agglo: Agglo) -> None:
 
 def test_laws_are_whole(show: Show, monkeypatch: pytest.MonkeyPatch) -> None:
     results = [
-        Result("same_seed_same_result", "Two objects built alike agree.", True, "", 12.345, "deterministic"),
-        Result("bounds", "Values are within bounds.", False, "value 1234.5678 of part 17 is above 1", 0.5),
+        Result("same_seed_same_result", "Two objects built alike agree.", "ok", "", 12.345, "deterministic"),
+        Result("bounds", "Values are within bounds.", "FAILS", "value 1234.5678 of part 17 is above 1", 0.5),
     ]
     monkeypatch.setattr("agglo_core.conformance.check", lambda *_, **__: results)
     text = show("check", "metric:cells", code=3)
