@@ -104,7 +104,8 @@ def _edge_weights(level: Graph, weighted: bool) -> Float:
     distances = np.maximum(distances, floor)
     weights = np.divide(level.interface, distances, out=np.ones_like(distances), where=distances > 0)
     blocks = level.block_ids[owners]
-    means = np.bincount(blocks, weights, level.n_blocks) / np.maximum(np.bincount(blocks), 1)
+    edges = np.bincount(blocks, minlength=level.n_blocks)
+    means = np.bincount(blocks, weights, level.n_blocks) / np.maximum(edges, 1)
     least = np.where(means > 0, _WEAKEST * means, 1.0)  # all weights 1 if all interfaces vanish
     bounded: Float = np.maximum(weights, least[blocks])
     return bounded

@@ -302,3 +302,10 @@ def test_global_random_state_is_left_alone():
 def test_options_outside_their_range_are_refused(options):
     with pytest.raises(agglo.errors.OptionError, match=next(iter(options))):
         Spectral(**options)
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_a_level_may_end_with_single_cells(split):
+    graph = agglo.samples.strip(6).graph
+    level, _ = graph.split(np.array([0, 0, 0, 0, 1, 2]))
+    assert same_split(sides_of(level, split=split)[:4], np.array([0, 0, 1, 1]))
