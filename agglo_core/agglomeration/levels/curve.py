@@ -48,7 +48,7 @@ def suits_curve(goal: Goal, graph: Graph, blocks: Int) -> TypeGuard[CountGoal]:
     """
     from agglo_core.agglomeration.levels.curve_kernels import stretched_cells
 
-    if not isinstance(goal, CountGoal) or goal.quotas is not None or graph.dim not in (2, 3):
+    if not isinstance(goal, CountGoal) or goal.quotas is not None:
         return False
     fewest = _ACROSS**graph.dim * (int(blocks.max(initial=-1)) + 1)
     if goal.parts < fewest or not _CELLS[0] <= graph.n / goal.parts <= _CELLS[1]:
