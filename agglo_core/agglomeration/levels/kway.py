@@ -34,7 +34,7 @@ def kway_levels(graph: Graph, goals: Sequence[Goal], nested: bool, run: Run, pos
         labels = _one_level(current, goal.estimate(graph), goal, own, stage)
         labels = own_post.apply(current, current.components(), labels, goal, own, stage)
         result.append(by_first_cell(labels[fine_to_current]))
-        if nested:
+        if nested and stage + 1 < len(goals):
             fine_to_current = result[-1]
             current = graph.coarsen(fine_to_current)
             own_post = replace(post, rules=post.rules and post.rules.via(fine_to_current))
