@@ -78,6 +78,7 @@ from agglo_core.graph.blocks import (
     principal_frames as principal_frames,
     split_at_median as split_at_median,
 )
+from agglo_core.graph.frame import moving_frame as moving_frame
 from agglo_core.graph.objectives import (
     OBJECTIVES as OBJECTIVES,
     numbered_parts as numbered_parts,

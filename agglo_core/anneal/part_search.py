@@ -25,7 +25,7 @@ class PartSearch:
 
     Attributes
     ----------
-    effort : {"fast", "good", "best"}
+    effort : {"quick", "fast", "good", "best"}
     objective : {"solver", "roundness"}
         Small moments of inertia and short interfaces for solvers, or round parts with even widths.
     seconds : float, optional
@@ -38,13 +38,13 @@ class PartSearch:
     >>> from agglo_core.authoring import PartSearch
     >>> PartSearch.checked("mine", "fast", "roundness").objective
     'roundness'
-    >>> PartSearch.checked("mine", "quick", "roundness")
+    >>> PartSearch.checked("mine", "most", "roundness")
     Traceback (most recent call last):
         ...
-    agglo_core.errors.OptionError: mine: effort must be fast, good or best, given 'quick'
+    agglo_core.errors.OptionError: mine: effort must be quick, fast, good or best, given 'most'
     """
 
-    effort: Literal["fast", "good", "best"]
+    effort: Literal["quick", "fast", "good", "best"]
     objective: Literal["solver", "roundness"] = "solver"
     seconds: float | None = None
     balance: Balance = FREE
@@ -66,8 +66,8 @@ class PartSearch:
         OptionError
             If an option is unknown or contradicts another option.
         """
-        if effort not in (None, "fast", "good", "best"):
-            raise OptionError(f"{owner}: effort must be fast, good or best, given {effort!r}")
+        if effort not in (None, "quick", "fast", "good", "best"):
+            raise OptionError(f"{owner}: effort must be quick, fast, good or best, given {effort!r}")
         if objective not in ("solver", "roundness"):
             raise OptionError(f"{owner}: objective must be solver or roundness, given {objective!r}")
         limit = checked_seconds(owner, seconds)
@@ -76,8 +76,8 @@ class PartSearch:
             part_balance = Balance(check_tolerance(owner, balance, "balance"), kind)
         if effort is None and (limit is not None or objective == "roundness" or part_balance.asked):
             raise OptionError(
-                f"{owner}: objective, seconds and balance require an effort (fast, good or best), but none "
-                "is given"
+                f"{owner}: objective, seconds and balance require an effort (quick, fast, good or best), "
+                "but none is given"
             )
         if part_balance.asked and objective == "roundness":
             raise OptionError(f"{owner}: balance requires the objective solver, not roundness")
@@ -90,7 +90,7 @@ class PartSearch:
 
         Returns the labels ``(n,)``. With a size only single cells are wider, and the part count is free.
         With a count the number of parts is exact. Without a better result the labels of ``rival`` are
-        returned. For solvers the start parts also compete, if they meet the target.
+        returned. For solvers the better of both is annealed, and with a size fewer parts are better.
 
         Parameters
         ----------

@@ -35,8 +35,13 @@ class Effort:
     sizes: int = 1
 
 
-EFFORTS = {"fast": Effort(250, 30), "good": Effort(1200, 300, 4, 3), "best": Effort(3000, 1500, 16, 5)}
-"""By name: below 0.02 s, about 0.1 s and below 1 s for 300 cells (benchmarks/roundness.py)."""
+EFFORTS = {
+    "quick": Effort(30, 10),
+    "fast": Effort(250, 30),
+    "good": Effort(1200, 300, 4, 3),
+    "best": Effort(3000, 1500, 16, 5),
+}
+"""By name: below 0.01 s, below 0.02 s, about 0.1 s and below 1 s for 300 cells (benchmarks/roundness.py)."""
 
 _FIRST = Ramps(0.5, 1e-3, 40.0, 400.0)
 """Temperatures, in units of the part score, and penalties, in scores per excess width over size.

@@ -1,4 +1,4 @@
-"""Parts for solvers: anneal from several starts, and keep the best."""
+"""Parts for solvers: anneal the better of two starts, and keep the best result."""
 
 from __future__ import annotations
 
@@ -77,20 +77,34 @@ class SolverAnnealing(OrderedBlock):
 
 
 class Effort(NamedTuple):
-    """Draws per cell, and number of annealing runs with different random numbers."""
+    """Draws per cell, number of annealing runs with different random numbers, and their temperatures."""
 
     draws: int
-    times: int = 1
+    times: int
+    ramps: Ramps
 
 
-EFFORTS = {"fast": Effort(300), "good": Effort(3000), "best": Effort(10_000, 3)}
-"""By name: about 8, 80 and 800 µs per cell (benchmarks/solver_shapes.py --times)."""
-
-_RAMPS, _BALANCED = Ramps(2.0, 0.05, 0.0, 0.0), Ramps(2.0, 0.05, 0.3, 3.0)
+_WARM, _HOT, _BALANCED = Ramps(1.0, 0.1), Ramps(2.0, 0.05), Ramps(2.0, 0.05, 0.3, 3.0)
 """Temperatures and penalties, relative to the change of the objective by a cell of mean size.
 
-At first the initial parts hardly matter, at last almost no move worsens the parts. Penalties apply to the
-squared excess beyond the bounds, in cells (benchmarks/solver_shapes.py, penalties with --balance).
+A warm run keeps the arrangement of its initial parts. In a hot run these hardly matter, which needs more
+draws. At last almost no move worsens the parts. Penalties apply to the squared excess beyond the bounds, in
+cells (benchmarks/solver_shapes.py, penalties with --balance).
+"""
+
+EFFORTS = {
+    "quick": Effort(30, 1, _WARM),
+    "fast": Effort(300, 1, _WARM),
+    "good": Effort(3000, 1, _HOT),
+    "best": Effort(10_000, 3, _HOT),
+}
+"""By name: about 5, 10, 80 and 800 µs per cell (benchmarks/solver_shapes.py --times)."""
+
+_FILLED = {2: 0.40, 3: 0.11}
+"""Part measure over size to the power of the dimension, by dimension.
+
+From it follows the initial number of parts for a size: a larger value starts with fewer parts, more of which
+are then too wide and cut (benchmarks/solver_shapes.py --objective).
 """
 
 
@@ -104,66 +118,74 @@ def solver_parts(
     limit: TimeLimit,
     balance: Balance = FREE,
 ) -> Int:
-    """Return the best partition for solvers from several annealing runs, their start and ``rival``.
+    """Anneal the better of the partitions from ``start`` and ``rival``, and return the best result.
 
-    With a size, the number of parts follows the start, or the rival if it has fewer parts. With a count the
-    number is exact, balanced if requested.
+    The starts compete with the annealed parts. With a count the number of parts is exact, balanced if
+    requested. With a size, fewer parts are better, whatever the objective.
     """
-    # 1. Candidates: the rival, and the start if it meets the target.
-    rival_labels = rival(graph, target)
-    first = _first(graph, target, start, rival_labels)
-    best, least = rival_labels, (True, np.inf)
-    for trial in (rival_labels, first) if first is not rival_labels else (rival_labels,):
-        labels = _even_or_polish(graph, trial, target, balance)
-        worth = _worth(graph, labels, balance)
-        if worth < least:
-            best, least = labels, worth
-    # 2. Anneal the start several times.
+    # 1. The better start, once it meets the target.
+    starts = [rival(graph, target), *_start_parts(graph, target, start)]
+    results = [_finish(graph, labels, target, balance) for labels in starts]
+    place = min(range(len(starts)), key=lambda i: results[i].rank)
+    best = results[place]
+    # 2. Anneal several times. With a size, parts that are too wide may shrink before they are cut.
     size = np.inf if target.h_star is None else target.h_star * (1 + ROUNDING)
     tool, budget = SolverAnnealing(graph, size, balance), EFFORTS[effort]
-    inner, ramps = tool.inward(first), _BALANCED if balance.asked else _RAMPS
+    inner = tool.inward(best.labels if target.h_star is None else starts[place])
+    ramps = _BALANCED if balance.asked else budget.ramps
     for trial in splitmix(np.uint64(seed) + np.arange(budget.times, dtype=np.uint64)).tolist():
         if limit.over():
             break
-        annealed = tool.annealed(inner, ramps, budget.draws, trial, limit)
-        labels = _even_or_polish(graph, tool.outward(annealed), target, balance)
-        worth = _worth(graph, labels, balance)
-        if worth < least:
-            best, least = labels, worth
-    return best
+        annealed = tool.outward(tool.annealed(inner, ramps, budget.draws, trial, limit))
+        best = _better(best, _finish(graph, annealed, target, balance))
+    return best.labels
 
 
-def _first(graph: Graph, target: Target, start: Start, rival_labels: Int) -> Int:
-    """Return the labels from ``start`` if they meet the target with few parts, else ``rival_labels``."""
-    parts = int(rival_labels.max()) + 1
-    first = connect_parts(graph, start(graph, min(parts, target.parts or parts)))
-    if target.h_star is not None:
-        first = parts_within(graph, first, target.h_star)
-        return first if int(first.max()) < parts else rival_labels
-    return first if int(first.max()) + 1 == parts else rival_labels
+class _Result(NamedTuple):
+    """Labels that meet the target, and a sort key: balanced labels first, few parts, a small objective."""
+
+    rank: tuple[bool, int, float]
+    labels: Int
 
 
-def _worth(graph: Graph, labels: Int, balance: Balance) -> tuple[bool, float]:
-    """Return a sort key of labels, smaller is better: balanced labels first, then by the objective."""
-    off = not balance.holds(graph.node_sizes(balance.size), labels)
-    return off, OBJECTIVES["solver"].value(graph, labels)
+def _better(one: _Result, other: _Result) -> _Result:
+    """Return the result with the lower rank, in a tie the first."""
+    return other if other.rank < one.rank else one
 
 
-def _even_or_polish(graph: Graph, labels: Int, target: Target, balance: Balance) -> Int:
-    """Even out part sizes if requested, otherwise apply the default polish.
+def _start_parts(graph: Graph, target: Target, start: Start) -> list[Int]:
+    """Return the connected parts of ``start`` in a list, empty if their number is not the target's.
+
+    With a size, the parts are polished, and may be too wide.
+    """
+    if target.h_star is None:
+        labels = connect_parts(graph, start(graph, target.parts or 1))
+        return [labels] if int(labels.max()) + 1 == target.parts else []
+    parts = float(graph.measures.sum()) / (_FILLED[graph.dim] * target.h_star**graph.dim)
+    labels = connect_parts(graph, start(graph, int(np.clip(np.ceil(parts), 1, graph.n))))
+    return [_finish(graph, labels, Target(parts=int(labels.max()) + 1), FREE).labels]
+
+
+def _finish(graph: Graph, labels: Int, target: Target, balance: Balance) -> _Result:
+    """Cut parts that are wider than the target, then even out their sizes if requested, otherwise polish.
 
     The polish is kept if it lowers the objective and meets the target.
     """
-    k = int(labels.max()) + 1
-    # 1. Balanced parts: only even out the sizes.
+    # 1. Cut wide parts.
+    if target.h_star is not None:
+        labels = parts_within(graph, labels, target.h_star)
+    k, value = int(labels.max()) + 1, OBJECTIVES["solver"].value
+    blocks = frozen_int(np.zeros(k))
+    # 2. Balanced parts: only even out the sizes.
     if balance.asked:
-        even = BalanceRefiner(balance.size, balance.tolerance)
-        return even.refine_parts(graph, labels, frozen_int(np.zeros(k)), target)
-    # 2. Otherwise polish, if the result is admissible and better.
-    after = CompactnessRefiner().refine_parts(graph, labels, frozen_int(np.zeros(k)), target)
-    if len(np.unique(graph.components(after))) > k:
-        return labels
-    if target.h_star is not None and graph.part_diameters(after).max() > target.h_star * (1 + ROUNDING):
-        return labels
-    value = OBJECTIVES["solver"].value
-    return after if value(graph, after) < value(graph, labels) else labels
+        labels = BalanceRefiner(balance.size, balance.tolerance).refine_parts(graph, labels, blocks, target)
+        off = not balance.holds(graph.node_sizes(balance.size), labels)
+        return _Result((off, k, value(graph, labels)), labels)
+    # 3. Otherwise polish, if the result is admissible and better.
+    before = _Result((False, k, value(graph, labels)), labels)
+    labels = CompactnessRefiner().refine_parts(graph, labels, blocks, target)
+    if len(np.unique(graph.components(labels))) > k:
+        return before
+    if target.h_star is not None and graph.part_diameters(labels).max() > target.h_star * (1 + ROUNDING):
+        return before
+    return _better(before, _Result((False, k, value(graph, labels)), labels))

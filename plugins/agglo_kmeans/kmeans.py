@@ -25,6 +25,11 @@ from agglo_core.authoring import (
     frozen_int,
     to_nobody,
 )
+from agglo_kmeans.lattice import lattice_parts
+
+_LATTICE_STEPS = 1
+"""Lloyd steps from a lattice. More fit the parts better to curved outlines, and take longer
+(benchmarks/solver_shapes.py --objective)."""
 
 
 class KMeans:
@@ -39,10 +44,11 @@ class KMeans:
     ----------
     iterations : int
         Lloyd steps in the k-way ``partition``.
-    effort : "fast", "good" or "best", optional
-        Anneal the k-way partition: about 5, 50 or 500 ms for 300 cells, more for roundness. If nothing
+    effort : "quick", "fast", "good" or "best", optional
+        Anneal the k-way partition: about 5, 8, 30 or 250 ms for 300 cells, more for roundness. If nothing
         better is found, the bisections' result is returned. The result depends on the seed, and on
-        the mesh orientation.
+        the mesh orientation. For solvers, annealing starts from a hexagonal lattice of parts in 2-D, or
+        from the bisections if these are better.
     objective : "solver" or "roundness"
         Annealing goal: small moments of inertia with short interfaces, good for solvers; or round parts
         with even width, and few parts for a given size.
@@ -70,7 +76,7 @@ class KMeans:
     def __init__(
         self,
         iterations: int = 8,
-        effort: Literal["fast", "good", "best"] | None = None,
+        effort: Literal["quick", "fast", "good", "best"] | None = None,
         objective: Literal["solver", "roundness"] = "solver",
         seconds: float | None = None,
         balance: float | None = None,
@@ -125,7 +131,13 @@ class KMeans:
         """
         if self.search is None:
             return self._lloyd(graph, target.parts or 1)
-        return self.search.parts(graph, target, seed, self._lloyd, self._bisected)
+        start = self._around_lattice if self.search.objective == "solver" else self._lloyd
+        return self.search.parts(graph, target, seed, start, self._bisected)
+
+    def _around_lattice(self, graph: Graph, k: int) -> Int:
+        """Partition into at most k parts, around a hexagonal lattice if possible, otherwise by ``_lloyd``."""
+        labels = lattice_parts(graph, k)
+        return self._lloyd(graph, k) if labels is None else _lloyd_steps(graph, labels, _LATTICE_STEPS)
 
     def _bisected(self, graph: Graph, target: Target) -> Int:
         """Partition a connected graph by recursive bisection, and return the labels."""
@@ -136,20 +148,24 @@ class KMeans:
         return growth.split_to_size(SizeGoal(target.h_star).limit, seeds, to_nobody)[0]
 
     def _lloyd(self, graph: Graph, k: int) -> Int:
-        """Partition into at most k parts by a few Lloyd steps, and return the labels."""
-        weights, mass = _positive(graph.weights), _positive(graph.mass)
-        # 1. Start: equal-mass runs of a space-filling curve
+        """Partition into at most k parts by Lloyd steps from equal-mass runs of a space-filling curve."""
+        mass = _positive(graph.mass)
         order = curve_order(graph.centroids)
         rank = np.cumsum(mass[order]) - 0.5 * mass[order]
         labels = np.empty(graph.n, np.int64)
         labels[order] = np.minimum((rank / mass.sum() * k).astype(np.int64), k - 1)
-        # 2. Lloyd steps
-        for _ in range(self.iterations):
-            used, labels = np.unique(labels, return_inverse=True)
-            total = np.bincount(labels, weights, minlength=len(used))
-            means = [np.bincount(labels, weights * x) / total for x in graph.centroids.T]
-            labels = cKDTree(np.stack(means, axis=1)).query(graph.centroids)[1]
-        return frozen_int(labels)
+        return _lloyd_steps(graph, labels, self.iterations)
+
+
+def _lloyd_steps(graph: Graph, labels: Int, steps: int) -> Int:
+    """Assign each cell to the nearest mean of a part, ``steps`` times, and return the labels."""
+    weights = _positive(graph.weights)
+    for _ in range(steps):
+        used, labels = np.unique(labels, return_inverse=True)
+        total = np.bincount(labels, weights, minlength=len(used))
+        means = [np.bincount(labels, weights * x) / total for x in graph.centroids.T]
+        labels = cKDTree(np.stack(means, axis=1)).query(graph.centroids)[1]
+    return frozen_int(labels)
 
 
 def _positive(weights: Float) -> Float:

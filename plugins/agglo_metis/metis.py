@@ -40,8 +40,9 @@ class Metis:
         Force connected parts (k-way only).
     niter, ncuts : int in 1..10^4
         Refinement sweeps per level; number of trial partitions, of which the best is kept.
-    effort : "fast", "good" or "best", optional
-        Anneal the k-way partition, starting from METIS' parts; then a target size is possible, too.
+    effort : "quick", "fast", "good" or "best", optional
+        Anneal the k-way partition; then a target size is possible, too. Annealing for solvers starts from
+        METIS' parts or from bisections, whichever is better.
     objective : "solver" or "roundness"
         Annealing goal, see ``kmeans``.
     seconds : float, optional
@@ -67,7 +68,7 @@ class Metis:
         contig: bool = True,
         niter: int = 10,
         ncuts: int = 1,
-        effort: Literal["fast", "good", "best"] | None = None,
+        effort: Literal["quick", "fast", "good", "best"] | None = None,
         objective: Literal["solver", "roundness"] = "solver",
         seconds: float | None = None,
         balance: float | None = None,

@@ -4,6 +4,7 @@
     python tests/benchmarks/solver_shapes.py --tried
     python tests/benchmarks/solver_shapes.py --times
     python tests/benchmarks/solver_shapes.py --balance
+    python tests/benchmarks/solver_shapes.py --objective
 
 On random meshes, at equal numbers of parts. On the coarse mesh: L2 and DG errors for u = sin πx sin πy by
 PolyDG of degree 1 and 2, and the condition number of its matrix scaled by block Jacobi (up to 800 unknowns).
@@ -12,7 +13,8 @@ with its recipe ``patches``, and the paper's solver with inherited operators. E 
 interface length. Geometric means over the meshes, divided by those of METIS k-way (contiguous, weights of
 cells and faces, the better of two imbalances per figure). ``--tried`` compares other interface weights in
 the polish, and further polishes, without iterations; ``--times`` prints CPU seconds relative to METIS k-way;
-``--balance`` shows parts with equal numbers of cells.
+``--balance`` shows parts with equal numbers of cells; ``--objective`` the objective F and the CPU seconds of
+the efforts, by number of parts and by size, and other constants of their starts.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ for _variable in ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS"):
 import argparse
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -38,11 +41,13 @@ from scipy.sparse.linalg import spsolve
 
 import agglo_core as agglo
 from agglo_core import Mesh, samples
+from agglo_core.anneal import solver_parts
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion
 from agglo_core.refine.compactness import refiner as compactness
 from agglo_core.registry import default
+from agglo_kmeans import kmeans, lattice
 from agglo_polydg_mg.forms.assembly import discretise
 from agglo_polydg_mg.forms.norms import errors
 from agglo_polydg_mg.space.basis import Basis
@@ -61,6 +66,7 @@ METHODS: dict[str, Mapping[str, Any]] = {
     "METIS recursive": {"bisector": ("metis", {"algorithm": "recursive"}), **BARE},
     "kmeans": {"bisector": "kmeans"},
     "kmeans k-way": {"bisector": "kmeans", "method": "kway"},
+    "effort quick": {"bisector": ("kmeans", {"effort": "quick"}), "method": "kway"},
     "effort fast": {"bisector": ("kmeans", {"effort": "fast"}), "method": "kway"},
     "effort good": {"bisector": ("kmeans", {"effort": "good"}), "method": "kway"},
     "effort best": {"bisector": ("kmeans", {"effort": "best"}), "method": "kway"},
@@ -78,6 +84,15 @@ TRIED: dict[str, tuple[Mapping[str, Any], float]] = {
     "kmeans, no polish": ({"polish": False}, 0.3),
 }
 """Options of a run, and the interface weight in its polish."""
+STARTS: dict[str, tuple[Any, str, Any]] = {
+    "quick, 1 shift": (lattice, "_SHIFTS", (0.0,)),
+    "quick, 5 shifts": (lattice, "_SHIFTS", (0.0, 0.125, 0.25, 0.375, 0.5)),
+    "quick, no Lloyd step": (kmeans, "_LATTICE_STEPS", 0),
+    "quick, 4 Lloyd steps": (kmeans, "_LATTICE_STEPS", 4),
+    "quick, filled less": (solver_parts, "_FILLED", {2: 0.36, 3: 0.10}),
+    "quick, filled more": (solver_parts, "_FILLED", {2: 0.44, 3: 0.13}),
+}
+"""Other constants of the starts: module, name and value. The last two only affect sizes."""
 RIVALS = ("METIS k-way, 3 %", "METIS k-way, 30 %")
 SOLVERS: dict[str, tuple[str, Mapping[str, Any]]] = {
     "default": ("polydg_mg", {}),
@@ -150,14 +165,22 @@ def partition(mesh: Mesh, parts: int, method: Mapping[str, Any]) -> Labels:
     return np.asarray(agglo.agglomerate(mesh, n_parts=parts, **method).levels[0])
 
 
+@contextmanager
+def replaced(module: Any, name: str, value: Any) -> Iterator[None]:
+    """Replace a constant of a module for a while."""
+    kept = getattr(module, name)
+    setattr(module, name, value)
+    try:
+        yield
+    finally:
+        setattr(module, name, kept)
+
+
 def weighed(mesh: Mesh, parts: int, tried: tuple[Mapping[str, Any], float]) -> Labels:
     """Return the labels with another interface weight in the polish."""
     method, weight = tried
-    kept, compactness.SHORTNESS = compactness.SHORTNESS, weight
-    try:
+    with replaced(compactness, "SHORTNESS", weight):
         return partition(mesh, parts, method)
-    finally:
-        compactness.SHORTNESS = kept
 
 
 def compared(
@@ -203,6 +226,41 @@ def show_times(seeds: int) -> None:
             rival = min(float(np.median(taken[name])) for name in RIVALS)
             ratios = "".join(f"{np.median(each) / rival:20.3f}" for each in taken.values())
             print(f"{family + ' ' + str(cells):<26}{ratios}", flush=True)
+
+
+def show_objective(seeds: int) -> None:
+    """Print F and CPU seconds for 16 cells per part, and parts for a size, over METIS recursive or k-way."""
+    fresh = int(np.random.SeedSequence().generate_state(1)[0]) % 10**6
+    efforts = {name: method for name, method in METHODS.items() if not name.startswith("METIS k-way")}
+    families: dict[str, list[Mesh]] = {
+        name: [make(2_000, fresh + seed) for seed in range(seeds)] for name, make in FAMILIES.items()
+    }
+    families |= {"brain": [samples.brain()], "brain with holes": [samples.brain_holes()]}
+    families["random tetrahedra"] = [samples.random_tetrahedra(350, fresh + seed) for seed in range(seeds)]
+    print("F, CPU seconds over METIS recursive; parts for a size over k-way with merging, and their F")
+    for family, meshes in families.items():
+        print(family)
+        rows: dict[str, list[tuple[float, ...]]] = {}
+        for mesh in meshes:
+            parts, size = mesh.n_cells // 16, 2.0 * (16.0 * mesh.graph.measures.mean()) ** (1 / mesh.dim)
+            merged = agglo.agglomerate(mesh, h_star=size, method="kway", merge=True).parts[0]
+            for name, method in (efforts | dict.fromkeys(STARTS, METHODS["effort quick"])).items():
+                with replaced(*STARTS[name]) if name in STARTS else nullcontext():
+                    start = time.process_time()
+                    labels = partition(mesh, parts, method)
+                    seconds = time.process_time() - start
+                    sized = (
+                        labels
+                        if "METIS" in name
+                        else agglo.agglomerate(mesh, h_star=size, **method).levels[0]
+                    )
+                values = [OBJECTIVES["solver"].value(mesh.graph, each) for each in (labels, sized)]
+                rows.setdefault(name, []).append((values[0], seconds, (sized.max() + 1) / merged, values[1]))
+        rival = np.mean(rows["METIS recursive"], axis=0)[1]
+        for name, row in rows.items():
+            F, seconds, count, sized_F = np.mean(row, axis=0)
+            by_size = "" if "METIS" in name else f"{count:10.3f}{sized_F:9.4f}"
+            print(f"  {name:<24}{F:9.4f}{seconds / rival:9.2f}{by_size}", flush=True)
 
 
 def show_balance(seeds: int) -> None:
@@ -251,6 +309,7 @@ def main() -> None:
     parser.add_argument("--no-solvers", action="store_true", help="leave out the iterations")
     parser.add_argument("--tried", action="store_true", help="other weights and polishes")
     parser.add_argument("--balance", action="store_true", help="print balanced parts alone")
+    parser.add_argument("--objective", action="store_true", help="print F, seconds and parts by size alone")
     parser.add_argument("--times", action="store_true", help="print the times alone")
     options = parser.parse_args()
     logging.getLogger("agglo").setLevel(logging.ERROR)
@@ -261,6 +320,9 @@ def main() -> None:
         return
     if options.times:
         show_times(options.seeds)
+        return
+    if options.objective:
+        show_objective(options.seeds)
         return
     methods = {name: partial(partition, method=METHODS[name]) for name in METHODS}
     if options.tried:

@@ -209,11 +209,12 @@ def connected(graph, labels):
     return len(np.unique(graph.components(labels))) == labels.max() + 1
 
 
+@pytest.mark.parametrize("effort", ["quick", "fast"])
 @pytest.mark.parametrize("objective", ["solver", "roundness"])
-def test_an_effort_searches_from_the_parts_of_metis(objective):
+def test_an_effort_searches_from_the_parts_of_metis(objective, effort):
     mesh = agglo.samples.voronoi(600, seed=8)
     score = agglo.graph.objectives.OBJECTIVES[objective].value
-    options = {"effort": "fast", "objective": objective}
+    options = {"effort": effort, "objective": objective}
     plain, annealed = (
         agglo.agglomerate(mesh, bisector=("metis", o), method="kway", n_parts=37, polish=False).levels[0]
         for o in ({}, options)

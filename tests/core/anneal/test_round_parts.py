@@ -43,7 +43,7 @@ def score(mesh, labels: np.ndarray) -> float:
 # --- the option effort --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("effort", ["fast", "good"])
+@pytest.mark.parametrize("effort", ["quick", "fast", "good"])
 @pytest.mark.parametrize("kind", ["squares", "triangles"])
 def test_structured_grids_get_the_sixteen_squares_of_the_recursion(kind: str, effort: str) -> None:
     mesh = samples.paper(kind)
@@ -156,9 +156,9 @@ def test_graphs_without_geometry_are_served(measures: np.ndarray) -> None:
         assert len(np.unique(annealed.partition(one_place, target, 0))) == parts
 
 
-@pytest.mark.parametrize("effort", ["", "most", True, 1])
+@pytest.mark.parametrize("effort", ["", "most", True, 1, ["quick"]])
 def test_other_efforts_are_refused(effort: object) -> None:
-    with pytest.raises(OptionError, match="effort"):
+    with pytest.raises(OptionError, match="kmeans: effort must be quick, fast, good or best, given"):
         KMeans(effort=effort)
 
 
@@ -171,8 +171,9 @@ def test_without_effort_and_in_recursions_nothing_changes() -> None:
     assert (plain.partition(mesh.graph, target, 1) == plain.partition(mesh.graph, target, 2)).all()
 
 
-def test_the_command_line_takes_the_effort(agglo) -> None:
-    done = agglo("run", "voronoi:100,seed=2", "--bisector", "kmeans:effort=fast,objective=roundness",
+@pytest.mark.parametrize("effort", ["quick", "fast"])
+def test_the_command_line_takes_the_effort(agglo, effort: str) -> None:
+    done = agglo("run", "voronoi:100,seed=2", "--bisector", f"kmeans:effort={effort},objective=roundness",
                  "--method", "kway", "--h-star", "0.4", "--json")  # fmt: skip
     assert done.code == 0, done.err
     assert agglo("run", "voronoi:100", "--bisector", "kmeans:effort=most", "--method", "kway").code != 0

@@ -14,6 +14,7 @@ from agglo_core.protocols import Target
 from agglo_kmeans.kmeans import KMeans
 
 SEEDS = st.integers(0, 2**63 - 1)
+EFFORTS = st.sampled_from(["quick", "fast"])
 MESHES = {
     "triangles": samples.random_triangles(60, seed=1),
     "voronoi": samples.voronoi(120, seed=2),
@@ -83,29 +84,28 @@ def test_parts_are_better_for_solvers_than_those_of_other_ways(make) -> None:
         )
         others = [agglomerate(mesh, method=m, n_parts=37).levels[0] for m in ("kway", "recursive")]
         least = min(value(mesh.graph, each) for each in others)
-        assert good < fast + 0.015
-        assert fast < least + 0.01
-        assert good < least - 0.01
+        assert good < fast + 0.005
+        assert fast < least - 0.01
 
 
 @settings(max_examples=20)
-@given(st.sampled_from(sorted(MESHES)), st.integers(2, 40), SEEDS)
-def test_counts_are_met_by_connected_parts_no_worse_than_bisections(name, parts, seed) -> None:
+@given(st.sampled_from(sorted(MESHES)), EFFORTS, st.integers(2, 40), SEEDS)
+def test_counts_are_met_by_connected_parts_no_worse_than_bisections(name, effort, parts, seed) -> None:
     mesh = MESHES[name]
-    labels = kway(mesh, n_parts=parts, seed=seed).levels[0]
+    labels = kway(mesh, effort, n_parts=parts, seed=seed).levels[0]
     assert labels.max() + 1 == parts
     assert connected(mesh.graph, labels)
-    np.testing.assert_array_equal(labels, kway(mesh, n_parts=parts, seed=seed).levels[0])
+    np.testing.assert_array_equal(labels, kway(mesh, effort, n_parts=parts, seed=seed).levels[0])
     if name != "apart":  # which shares its parts out among its components
         halved = agglomerate(mesh, n_parts=parts).levels[0]
         assert value(mesh.graph, labels) <= value(mesh.graph, halved) * (1 + 1e-9)
 
 
 @settings(max_examples=20)
-@given(st.sampled_from(sorted(MESHES)), st.floats(0.15, 1.2), SEEDS)
-def test_sizes_are_met_by_connected_parts(name: str, h_star: float, seed: int) -> None:
+@given(st.sampled_from(sorted(MESHES)), EFFORTS, st.floats(0.15, 1.2), SEEDS)
+def test_sizes_are_met_by_connected_parts(name: str, effort: str, h_star: float, seed: int) -> None:
     mesh = MESHES[name]
-    labels = kway(mesh, h_star=h_star, seed=seed).levels[0]
+    labels = kway(mesh, effort, h_star=h_star, seed=seed).levels[0]
     widths, cells = mesh.graph.part_diameters(labels), np.bincount(labels)
     assert connected(mesh.graph, labels)
     assert ((widths <= h_star * (1 + 1e-9)) | (cells == 1)).all()
