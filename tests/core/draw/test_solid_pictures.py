@@ -189,7 +189,7 @@ def test_titles_of_solids_have_means_that_exist_there(
     labels = (mesh.cell_centroids[:, 0] > 0.5).astype(int)
     halves = Hierarchy(mesh, mesh.graph, [labels], [{"n_parts": 2}], nested=True)
     draw(mesh, {"run": halves}, tmp_path / "a.png")
-    assert titles[1].startswith("2 parts\nUF 1.00   CR 0.33")
+    assert titles[1].startswith("run\n2 parts\nUF 1.00   CR 0.33")
 
 
 def _whole(mesh: Mesh) -> Hierarchy:
