@@ -67,5 +67,7 @@ def cut_curve(graph: Graph, blocks: Int, goal: CountGoal, run: Run) -> Int:
         cells, offsets = list_blocks(blocks, frozen_int(np.arange(len(quotas))), len(quotas))
         csr = graph.indptr, graph.indices, graph.interface
         labels = connected_runs(*csr, graph.mass, cells, offsets, quotas)
+    if labels.min(initial=0) < 0:
+        raise AssertionError("a block is disconnected")
     run.statistics.curve_levels += 1
     return frozen_int(labels)

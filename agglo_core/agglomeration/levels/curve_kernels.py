@@ -144,7 +144,7 @@ def connected_runs(indptr, indices, interface, mass, cells, offsets, quotas):
                 parts[i], strays[left] = p, i
                 left += p < 0
             if left == n_strays:
-                break  # a disconnected block, which the caller reports
+                break  # the block is disconnected: the caller raises an error
             n_strays = left
         first += k
     return parts

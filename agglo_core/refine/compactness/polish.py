@@ -21,13 +21,6 @@ compactness counts. In 3-D it would lengthen the interface, so the first round s
 rounds leave parts more compact, and take longer (benchmarks/polish.py).
 """
 
-_SWEEPS = 24
-"""Maximum number of sweeps in a round, even. Rounds with little gain end earlier (``list_due_cells`` in
-``state.py``).
-
-More sweeps leave parts more compact, and take longer (benchmarks/polish.py).
-"""
-
 _FEW = 2_000
 """Number of listed cells up to which a sweep runs faster in one thread than in several
 (benchmarks/threads.py)."""
@@ -67,7 +60,7 @@ def sweep_blocks(graph: Graph, labels: Int, block: Int, alpha: float, floor: flo
     entry, sweep_args = blocks.copy(), (limit, *_reach(graph, parts, k, limit))
     # 4. Run the sweeps, and restore the old part numbers.
     if thread_count() == 1:
-        sweep_all(cells, state, _work(n, k), *by_turns, exponents, _SWEEPS, *sweep_args)
+        sweep_all(cells, state, _work(n, k), *by_turns, exponents, *sweep_args)
     else:
         _sweep_in_parallel(cells, state, by_turns, exponents, sweep_args)
     result = order.take(parts)
@@ -91,13 +84,13 @@ def _sweep_in_parallel(
     cells: Any, state: Any, by_turns: Any, exponents: Float, sweep_args: tuple[Any, ...]
 ) -> None:
     """Run the sweeps of ``sweep_all`` in several threads, each on some of the slices."""
-    from agglo_core.refine.compactness.state import list_due_cells
+    from agglo_core.refine.compactness.state import SWEEPS, list_due_cells
     from agglo_core.refine.compactness.sweeps import sweep_slices
 
     threads, n_listed = thread_count(), 0
     work = [_work(len(state.parts), len(state.tally)) for _ in range(threads)]
-    for sweep in range(len(exponents) * _SWEEPS):
-        alpha, begins = exponents[sweep // _SWEEPS], sweep % _SWEEPS == 0
+    for sweep in range(len(exponents) * SWEEPS):
+        alpha, begins = exponents[sweep // SWEEPS], sweep % SWEEPS == 0
         slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
         if begins or n_listed:
             n_listed = list_due_cells(cells, state, work[0], sweep, begins, before, alpha)

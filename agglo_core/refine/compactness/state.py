@@ -14,6 +14,12 @@ import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
+SWEEPS = 24
+"""Maximum number of sweeps in a round, even. Rounds with little gain end earlier (``list_due_cells``).
+
+More sweeps leave parts of many cells more compact, and take longer (benchmarks/polish.py).
+"""
+
 _LITTLE = 5e-4
 """Relative gain: a sweep that lowers a block's objective by less than this fraction is the last sweep of the
 round in this block.
@@ -84,8 +90,8 @@ class State(NamedTuple):
     due : (n,) int8
         Number of the sweep that visits the cell, or −1 for a cell that waits for a neighbour to move.
     marks : (n, 2) int32
-        Stamp of the last search that reached a cell, and the start of that search: see ``connected`` in
-        ``compiled/ring_search.py``.
+        Stamp of the last search in this round that reached a cell, and the start of that search: see
+        ``are_connected`` in ``compiled/ring_search.py``.
     first : (k + 1,) int32
         The due cells of part p are ``listed[first[p]:first[p + 1]]``.
     listed : (n,) int32
@@ -211,7 +217,7 @@ def interface_cells(cells, parts, tally, block, count):
 
 @helper
 def _mark_boundary_cells(cells, state, sweep):
-    """Make all cells adjacent to another part of their block due in this sweep."""
+    """Make all cells adjacent to another part of their block due in this sweep, and clear the marks."""
     several = len(state.blocks) > 1
     for i in range(np.uint64(len(state.parts))):
         home, is_adjacent = np.uint32(state.parts[i]), np.int64(0)
@@ -222,6 +228,7 @@ def _mark_boundary_cells(cells, state, sweep):
                 crosses &= state.block[p] == state.block[home]
             is_adjacent |= crosses  # no branch: it would be mispredicted
         state.due[i] = sweep if is_adjacent else -1
+        state.marks[i, 0] = 0
 
 
 @helper

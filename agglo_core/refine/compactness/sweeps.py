@@ -16,7 +16,16 @@ import numpy as np
 from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.ring_search import CROWD, REACH, are_connected
 from agglo_core.refine.compactness.reach import fits, take_in
-from agglo_core.refine.compactness.state import CEILING, CELLS, CENTRE, FLOOR, MASS, ROOM, list_due_cells
+from agglo_core.refine.compactness.state import (
+    CEILING,
+    CELLS,
+    CENTRE,
+    FLOOR,
+    MASS,
+    ROOM,
+    SWEEPS,
+    list_due_cells,
+)
 
 _TIE = 1e-9  # relative to the terms of a change, for rounding; ties go to the lower part number
 
@@ -214,7 +223,7 @@ def _visit_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, 
     cells are visited by position, so their numbering does not matter.
     """
     n = np.int64(len(state.parts))
-    stamp, moved, prefetch_end = sweep * (n + 1), np.int64(0), np.int64(0)
+    stamp, moved, prefetch_end = (sweep % SWEEPS) * (n + 1), np.int64(0), np.int64(0)
     listed = state.first[slices.rows[stop - 1, 1]]
     for s in range(start, stop):
         lo, hi, b = slices.rows[s, 0], slices.rows[s, 1], slices.rows[s, 4]
@@ -270,12 +279,12 @@ def sweep_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, r
 
 
 @kernel(allocates=False)
-def sweep_all(cells, state, work, even, odd, exponents, sweeps, limit, reach, corners):
-    """Run all rounds in one thread, each at most ``sweeps`` sweeps, alternately over two sets of slices."""
+def sweep_all(cells, state, work, even, odd, exponents, limit, reach, corners):
+    """Run all rounds in one thread, alternately over two sets of slices."""
     by_turns = (even, odd)
     for r in range(len(exponents)):
-        alpha, begin = exponents[r], r * sweeps
-        for sweep in range(begin, begin + sweeps):
+        alpha, begin = exponents[r], r * SWEEPS
+        for sweep in range(begin, begin + SWEEPS):
             slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
             if list_due_cells(cells, state, work, sweep, sweep == begin, before, alpha) == 0:
                 break

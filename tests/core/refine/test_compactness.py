@@ -20,9 +20,9 @@ from agglo_core.graph.moves import SHORTNESS
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
 from agglo_core.refine.compactness import strips as part_strips
-from agglo_core.refine.compactness.polish import _ROUNDS, _SWEEPS, directions
+from agglo_core.refine.compactness.polish import _ROUNDS, directions
 from agglo_core.refine.compactness.refiner import CompactnessRefiner
-from agglo_core.refine.compactness.state import _FEW, _SHIFT
+from agglo_core.refine.compactness.state import _FEW, _SHIFT, SWEEPS
 from agglo_core.refine.compactness.strips import slices
 from agglo_core.threads import using_threads
 
@@ -127,7 +127,7 @@ class SlowPolish:
             self.alpha = SHORTNESS * factor
             due, going = self.boundary_cells(), set(blocks)
             at_first = self.counted(due)
-            for sweep in range(r * _SWEEPS, (r + 1) * _SWEEPS):
+            for sweep in range(r * SWEEPS, (r + 1) * SWEEPS):
                 going &= {b for b, count in enumerate(self.counted(due)) if count > _FEW * at_first[b]}
                 if not due or not going:
                     break
