@@ -98,7 +98,7 @@ EFFORTS = {
     "good": Effort(3000, 1, _HOT),
     "best": Effort(10_000, 3, _HOT),
 }
-"""By name: about 5, 10, 80 and 800 µs per cell (benchmarks/solver_shapes.py --times)."""
+"""By name: about 6, 13, 100 and 900 µs per cell, for 4,000 cells (benchmarks/solver_shapes.py --times)."""
 
 _FILLED = {2: 0.40, 3: 0.11}
 """Part measure over size to the power of the dimension, by dimension.

@@ -29,7 +29,7 @@ from agglo_kmeans.lattice import lattice_parts
 
 _LATTICE_STEPS = 1
 """Lloyd steps from a lattice. More fit the parts better to curved outlines, and take longer
-(benchmarks/solver_shapes.py --objective)."""
+(benchmarks/solver_shapes.py --objective, brain)."""
 
 
 class KMeans:
@@ -45,7 +45,7 @@ class KMeans:
     iterations : int
         Lloyd steps in the k-way ``partition``.
     effort : "quick", "fast", "good" or "best", optional
-        Anneal the k-way partition: about 5, 8, 30 or 250 ms for 300 cells, more for roundness. If nothing
+        Anneal the k-way partition: about 7, 9, 30 or 200 ms for 300 cells, more for roundness. If nothing
         better is found, the bisections' result is returned. The result depends on the seed, and on
         the mesh orientation. For solvers, annealing starts from a hexagonal lattice of parts in 2-D, or
         from the bisections if these are better.

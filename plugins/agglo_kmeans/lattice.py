@@ -10,8 +10,14 @@ from scipy.spatial import cKDTree
 from agglo_core.authoring import Float, Graph, Int, frozen_int, moving_frame
 
 _SHIFTS = (0.0, 0.25, 0.5)
-"""Positions of the first lattice point in even rows, relative to the spacing. More find better lattices for
-few parts, and take longer (benchmarks/solver_shapes.py --objective)."""
+"""Positions of the first lattice point in even rows, relative to the spacing.
+
+With one, parts of a few dozen cells at straight outlines and in narrow domains are less compact
+(benchmarks/solver_shapes.py --objective).
+"""
+
+_SPARSE = 100
+"""Largest number of lattice points per cell, a safeguard: more arise if measures are no areas."""
 
 
 def lattice_parts(graph: Graph, k: int) -> Int | None:
@@ -22,7 +28,7 @@ def lattice_parts(graph: Graph, k: int) -> Int | None:
     """
     best, least = None, np.inf
     if graph.dim != 2 or not graph.measures.any():
-        return best
+        return None
     local = graph.centroids @ moving_frame(graph.centroids, graph.weights).T
     for axis, shift in product((0, 1), _SHIFTS):
         labels, distances = _nearest(local[:, [axis, 1 - axis]], graph.measures, k, shift)
@@ -44,20 +50,22 @@ def _nearest(places: Float, measures: Float, k: int, shift: float) -> tuple[Int,
     width, height = places.max(axis=0) + margin - low
     n_rows = max(1, round(height / (unit * 3.0**0.5 / 2.0) ** 0.5))
     steps = np.array([unit * n_rows / height, height / n_rows])
+    n_columns = int(width / steps[0]) + 4
+    if n_rows * n_columns > _SPARSE * len(places):
+        return frozen_int([]), np.empty(0)
     x, y = ((places - low) / steps).T
     # 2. Even and odd rows form rectangular lattices, in which the nearest point follows from rounding.
     least, row, column = np.full(len(x), np.inf), np.zeros(len(x)), np.zeros(len(x))
     for odd in range(min(2, n_rows)):
         last = n_rows - 1 - (n_rows - 1 - odd) % 2
-        own_row = np.clip(2.0 * np.rint((y - 0.5 - odd) / 2.0) + odd, odd, last)
+        near_row = np.clip(2.0 * np.rint((y - 0.5 - odd) / 2.0) + odd, odd, last)
         offset = shift + 0.5 * odd
-        own_column = np.rint(x - offset)
-        squares = ((x - offset - own_column) * steps[0]) ** 2 + ((y - 0.5 - own_row) * steps[1]) ** 2
+        near_column = np.rint(x - offset)
+        squares = ((x - offset - near_column) * steps[0]) ** 2 + ((y - 0.5 - near_row) * steps[1]) ** 2
         nearer = squares < least
         least = np.where(nearer, squares, least)
-        row, column = np.where(nearer, own_row, row), np.where(nearer, own_column, column)
+        row, column = np.where(nearer, near_row, row), np.where(nearer, near_column, column)
     # 3. Keep the k points with the heaviest cells, since points at the outline have few cells.
-    n_columns = int(width / steps[0]) + 4
     point = (row * n_columns + column + 1.0).astype(np.int64)
     totals = np.bincount(point, measures, n_rows * n_columns)
     if np.count_nonzero(totals) < k:

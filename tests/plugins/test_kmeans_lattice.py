@@ -63,6 +63,11 @@ def test_graphs_without_a_lattice() -> None:
     path = Graph.from_arrays([0, 1, 2], [1, 0], np.zeros((2, 2)), measures=np.zeros(2))
     assert lattice_parts(path, 2) is None
     assert lattice_parts(samples.tetrahedra(2).graph, 4) is None
+    # Measures that are no areas would make a huge lattice.
+    graph = samples.voronoi(50, seed=1).graph
+    wide = Graph.from_arrays(graph.indptr, graph.indices, 1e9 * graph.centroids, measures=np.ones(50))
+    assert lattice_parts(wide, 4) is None
+    assert len(np.unique(KMeans(effort="quick").partition(wide, Target(parts=4), 1))) == 4
     # A large cell leaves fewer than eight lattice points with cells.
     x = np.array([0.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 16.0])
     row = Graph.from_arrays(
