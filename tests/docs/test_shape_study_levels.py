@@ -99,7 +99,7 @@ def test_linear_functions_on_single_cells_and_on_all_come_up_to_what_they_can() 
 
 @pytest.mark.slow
 def test_solids_are_measured_and_bad_shapes_cost() -> None:
-    asked = ("voronoi3d:n=400,seed=2", "counts", [32])
+    asked = ("voronoi3d:n=400,seed=3", "counts", [32])
     good, bad = (measured_solids(*asked, name, 0) for name in ("kmeans", "branches"))
     names = {f"{name} {what}" for name in SOLID_SOLVERS for what in ("κ = 1", "κ jumps")}
     assert set(good["outcomes"]) == names | {"approximation"}

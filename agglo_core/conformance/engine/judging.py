@@ -15,7 +15,7 @@ from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.surroundings import Snapshot
 from agglo_core.conformance.base.verdict import ATTRIBUTES, Broken
 from agglo_core.conformance.laws import laws_of
-from agglo_core.errors import OptionError
+from agglo_core.errors import OptionError, PluginError
 from agglo_core.registry.containment import PLUGIN_FAILURES
 from agglo_core.suggestions import did_you_mean
 
@@ -166,7 +166,11 @@ def _is_component(subject: Subject, value: object) -> bool:
 
 def _place(subject: Subject, error: BaseException) -> str:
     """Return type and last line of an exception in the code of the component; empty if it passed none."""
-    module = str(getattr(subject.target, "__module__", type(subject.target).__module__))
+    try:
+        target = subject.target
+    except PluginError:
+        return ""  # its target cannot be imported
+    module = str(getattr(target, "__module__", type(target).__module__))
     top = module.partition(".")[0]
     # All of a plugin's package is the component; of this package only the module itself.
     file = getattr(sys.modules.get(module if top == "agglo_core" else top), "__file__", None)
