@@ -83,5 +83,5 @@ def _show(component: str, results: list[Result]) -> None:
 
 
 def _also(laws: list[str]) -> str:
-    """Return a sentence that names the other laws with the same fault; empty if there are none."""
+    """Return a sentence that names the other laws with the same fault, or an empty string."""
     return f". The same fault breaks {len(laws)} more laws: {', '.join(laws)}" if laws else ""

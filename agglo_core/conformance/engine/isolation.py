@@ -145,7 +145,10 @@ def _read(stream: IO[str], lines: queue.Queue[str]) -> None:
 
 
 def _next_line(lines: queue.Queue[str], pid: int, seconds: float) -> str | None:
-    """Return the next line of a child process, or None if it uses up its CPU seconds or waits forever."""
+    """Return the next line of a child process, or None if it uses up its CPU seconds.
+
+    The result is also None if the child waits, with hardly any CPU time, for as many seconds.
+    """
     began, started = time.monotonic(), _clock(pid)
     seen, seen_at = started, began
     while True:
@@ -162,7 +165,7 @@ def _next_line(lines: queue.Queue[str], pid: int, seconds: float) -> str | None:
 
 
 def _clock(pid: int) -> float:
-    """Return the CPU seconds of a process and its finished children; without ``/proc``, the wall clock."""
+    """Return the CPU seconds of a process and its finished children, or the wall clock without ``/proc``."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:

@@ -132,7 +132,7 @@ def report_once(results: Sequence[Result]) -> list[Result]:
 
 
 def _cause(subject: Subject, error: BaseException) -> str:
-    """Return the key of the cause of a failure: as given, or the line of the component that raised it."""
+    """Return the key of a failure's cause: as given, or the component's line that raised it."""
     chain: BaseException | None = error
     while chain is not None:
         key = chain.cause if isinstance(chain, Broken) else _place(subject, chain)
@@ -165,7 +165,7 @@ def _is_component(subject: Subject, value: object) -> bool:
 
 
 def _place(subject: Subject, error: BaseException) -> str:
-    """Return type and last line of an exception in the code of the component; empty if it passed none."""
+    """Return type and last line of an exception in the component's code, or an empty string outside."""
     try:
         target = subject.target
     except PluginError:
