@@ -7,6 +7,15 @@ import numpy as np
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
 
+@helper
+def find_root(parent, i):
+    """Return the root of node i in a union-find forest, halving the path to it."""
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
 @kernel
 def dual_graph(offsets, faces, face_cells, face_measures):
     """Return the CSR graph of cells that share faces, with interface measures, and the boundary measures.

@@ -7,18 +7,10 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.compiled.graphs import find_root
 from agglo_core.shapes.solid_triangles import most_triangles, surface
 
 _STRAIGHT = 1e-8  # radians; rounding of coordinates tilts coplanar triangles by less
-
-
-@helper
-def _root(parent, t):
-    """Return the root of triangle t in the union-find forest, halving the path to it."""
-    while parent[t] != t:
-        parent[t] = parent[parent[t]]
-        t = parent[t]
-    return t
 
 
 @helper
@@ -87,13 +79,13 @@ def face_ratios(points, first, offsets, faces, face_cells, starts, triangles):
                     i, j = corners[s, edge % 3], corners[s, (edge + 1) % 3 if edge % 3 < 2 else 0]
                     other_high = max(i, j)
                     if other_high == high and _in_line(normals, s, t):
-                        parent[_root(parent, s)] = _root(parent, t)
+                        parent[find_root(parent, s)] = find_root(parent, t)
                     edge = following[edge]
                 following[h], latest[low] = latest[low], h
         # 3. Sum the face areas at the representative triangles. Entries of other triangles, and of degenerate
         #    faces, are 0 and do not count.
         for t in range(m):
-            area[_root(parent, t)] += normals[t, 3]
+            area[find_root(parent, t)] += normals[t, 3]
         least, largest = np.inf, 0.0
         for t in range(m):
             largest = max(largest, area[t])

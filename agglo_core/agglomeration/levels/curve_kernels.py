@@ -7,10 +7,9 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
+from agglo_core.compiled.graphs import find_root
 
 _TIE = 1e-9  # relative: shares that differ by less are equal, and the lower part number decides
-
-
 _WIDTHS = 3.0
 """A cell is stretched if the centroid of a neighbour is farther than this many cell widths
 (benchmarks/curve.py)."""
@@ -37,23 +36,14 @@ def stretched_cells(indptr, indices, centroids, measures):
 
 
 @helper
-def _root(root, i):
-    """Return the root of cell i in a union-find forest, and shorten the path to it."""
-    while root[i] != i:
-        root[i] = root[root[i]]
-        i = root[i]
-    return i
-
-
-@helper
 def _join_earlier(indptr, indices, parts, root, i):
     """Join cell i with its neighbours that precede it in the same run."""
     home, mine = parts[i], i
     for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
         j = np.int64(np.uint32(indices[h]))
         if j < i and parts[j] == home:
-            other = _root(root, j)
-            mine = _root(root, mine)
+            other = find_root(root, j)
+            mine = find_root(root, mine)
             root[max(mine, other)] = min(mine, other)
 
 
@@ -68,7 +58,7 @@ def _keep_largest(cells, start, stop, parts, root, count, strays, n_strays):
         count[cells[c]] = 0
     largest = np.int64(cells[start])
     for c in range(start, stop):
-        top = _root(root, np.int64(cells[c]))
+        top = find_root(root, np.int64(cells[c]))
         count[top] += 1
         if count[top] > count[largest]:
             largest = top
@@ -77,7 +67,7 @@ def _keep_largest(cells, start, stop, parts, root, count, strays, n_strays):
         return n_strays
     for c in range(start, stop):
         i = np.int64(cells[c])
-        if _root(root, i) != largest:
+        if find_root(root, i) != largest:
             parts[i] = -1
             strays[n_strays] = i
             n_strays += 1
