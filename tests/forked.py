@@ -24,7 +24,7 @@ def run_in_fork(script: str, folder: Path, kernels: Path | None = None) -> tuple
     folder : Path
         Current folder of the fork.
     kernels : Path, optional
-        Folder of compiled kernels, as ``NUMBA_CACHE_DIR`` sets it.
+        Folder of compiled kernels, as ``NUMBA_CACHE_DIR`` sets it. By default ``folder``.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def run_in_fork(script: str, folder: Path, kernels: Path | None = None) -> tuple
                     os.chdir(folder)
                     sys.path.insert(0, str(folder))
                     sys.dont_write_bytecode = True
-                    numba.config.CACHE_DIR = str(kernels or "")
+                    numba.config.CACHE_DIR = str(kernels or folder)
                     exec(script, {"__name__": "__main__"})
                     code = 0
                 except BaseException:

@@ -1,4 +1,4 @@
-"""Disk cache of compiled kernels: in numba's folders, and in an installation next to this file.
+"""Disk cache of compiled kernels: one folder per user, and in an installation another next to this file.
 
 No other module uses the internals of ``numba.core.caching``.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import glob
 import inspect
 import logging
+import os
 import pickle
 import re
 from collections.abc import Iterator
@@ -19,7 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba import config
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserWideCacheLocator
+from numba.misc.appdirs import AppDirs
 
 from agglo_core.compiled import compile_lock
 from agglo_core.compiled.cpu_levels import supported_levels
@@ -33,7 +36,20 @@ _HERE = Path(__file__).parent
 _CORE = Path(__file__).parents[1]  # the folder of the package
 _COMPILER = Path(__file__).with_name("self_contained.py")
 _HASH = 32  # length of a SHA-256 digest in bytes
+_MOST_BYTES = 1 << 30  # limit of a user's folder, 25 times the machine code of all kernels
 _IMPORT = re.compile(r"^from ([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
+
+
+class _UserFolder(UserWideCacheLocator):
+    """The folder of a user's compiled kernels, shared by all environments and checkouts.
+
+    Files are named by content, so that kernels are compiled once per computer and not once per installation.
+    """
+
+    def __init__(self, function: Any, file: str) -> None:
+        super().__init__(function, file)  # type: ignore[no-untyped-call]
+        own = AppDirs(appname="agglo", appauthor=False).user_cache_dir  # type: ignore[no-untyped-call]
+        self._cache_path = str(Path(config.CACHE_DIR or own, "kernels"))  # type: ignore[attr-defined]
 
 
 class _Nowhere:
@@ -57,7 +73,11 @@ class _Nowhere:
 
 
 class _Files(CompileResultCacheImpl):
-    _locator_classes: list[type[object]] = [*CompileResultCacheImpl._locator_classes, _Nowhere]  # noqa: RUF012
+    _locator_classes: list[type[object]] = [  # noqa: RUF012
+        _UserFolder,
+        *CompileResultCacheImpl._locator_classes,
+        _Nowhere,
+    ]
 
 
 class _CacheFiles(IndexDataCacheFile):
@@ -72,17 +92,19 @@ class _CacheFiles(IndexDataCacheFile):
     """
 
     def save(self, key: Any, data: Any) -> None:
-        """Write the machine code of a signature, and remove files compiled from other sources."""
-        for file in self._files() - self._files(self._stamp):
-            file.unlink(missing_ok=True)
+        """Write the machine code of a signature, and remove old files if the folder is too large."""
+        _limit_size(Path(self._cache_path))
         self._save_data(self._name(key), (key, data))  # type: ignore[no-untyped-call]
 
     def load(self, key: Any) -> Any:
         """Read the machine code of a signature, or return None if its file is absent or damaged."""
+        file = Path(self._cache_path, self._name(key))
         try:
-            content = Path(self._cache_path, self._name(key)).read_bytes()
+            content = file.read_bytes()
         except OSError:
             return None
+        with suppress(OSError):  # an installation may be write-protected
+            os.utime(file)  # for _limit_size
         if sha256(content[_HASH:]).digest() != content[:_HASH]:
             return None
         kept, data = pickle.loads(content[_HASH:])
@@ -94,7 +116,8 @@ class _CacheFiles(IndexDataCacheFile):
 
     def flush(self) -> None:
         """Remove all files with machine code of the kernel."""
-        for file in self._files():
+        name = glob.escape(Path(self._index_name).stem)
+        for file in Path(self._cache_path).glob(f"{name}.*.nbc"):
             file.unlink(missing_ok=True)
 
     @contextmanager
@@ -112,19 +135,14 @@ class _CacheFiles(IndexDataCacheFile):
     def _name(self, key: Any) -> str:
         return f"{Path(self._index_name).stem}.{self._stamp}{sha256(str(key).encode()).hexdigest()[:10]}.nbc"
 
-    def _files(self, stamp: str = "") -> set[Path]:
-        """Return the kernel's files for the sources with this hash, or by default all its files."""
-        name = glob.escape(Path(self._index_name).stem)
-        return set(Path(self._cache_path).glob(f"{name}.{stamp}*.nbc"))
-
 
 class KernelCache(FunctionCache):
     """Numba cache of one kernel, valid for unchanged source files, with installed machine code first.
 
     An entry is only used for equal sources, versions of numba, numpy and Python, and processor. Installed
     entries may instead be for a level whose features the processor has (``cpu_levels.py``). Numba's own cache
-    considers only the kernel's file, and keeps machine code even if an inlined function in another file has
-    changed.
+    has one folder per path of a source file. It considers only the kernel's file, and keeps machine code even
+    if an inlined function in another file has changed.
     """
 
     _impl_class = _Files
@@ -189,6 +207,20 @@ class KernelCache(FunctionCache):
         return _CacheFiles(str(folder), name, self._stamp)  # type: ignore[no-untyped-call]
 
 
+@cache  # once per process
+def _limit_size(folder: Path) -> None:
+    """Remove the files that were not used for the longest time from a folder of more than 1 GB."""
+    states = []
+    for file in folder.glob("*.nbc"):
+        with suppress(FileNotFoundError):  # another process may do the same
+            states.append((file.stat(), file))
+    total = 0
+    for state, file in sorted(states, key=lambda pair: pair[0].st_mtime, reverse=True):
+        total += state.st_size
+        if total > _MOST_BYTES:
+            file.unlink(missing_ok=True)
+
+
 def _keys_of_levels(key: Any) -> list[Any]:
     """Return the keys that a kernel has if it was compiled for a level of this processor, highest first."""
     signature, (triple, _, features), hashes = key  # numba's key, with its description of the processor
@@ -243,7 +275,8 @@ def _package_of(source: Path) -> Path:
 
 def _place_in_package(source: Path) -> str:
     """Return a file's path from its outermost package on, independent of the installation folder."""
-    return source.relative_to(_package_of(source).parent).as_posix()
+    top = _package_of(source)
+    return source.relative_to(top.parent if (top / "__init__.py").is_file() else top).as_posix()
 
 
 @cache

@@ -344,9 +344,8 @@ def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(tmp_path: Path)
     (tmp_path / "helpers.py").write_text(HELPERS.format(factor=5))
     (tmp_path / "loops.py").write_text(LOOPS)
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    runs: list[Any] = [
-        subprocess.Popen([sys.executable, "-c", MISSES], cwd=tmp_path, **pipes) for _ in range(2)
-    ]
+    pipes |= {"cwd": tmp_path, "env": os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}}
+    runs: list[Any] = [subprocess.Popen([sys.executable, "-c", MISSES], **pipes) for _ in range(2)]
     for run in runs:
         run.stdin.write("\n")
         run.stdin.flush()
@@ -408,13 +407,44 @@ def test_a_full_disk_costs_the_kernels_and_not_the_run(tmp_path: Path) -> None:
     assert [file for file in (tmp_path / "own").rglob("*") if file.is_file()] == []
 
 
-def test_machine_code_of_other_sources_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    KernelCache(double)._files_in(tmp_path).save("signature", "old")
+def test_machine_code_of_other_sources_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Several checkouts share one folder."""
+    old = KernelCache(double)._files_in(tmp_path)
+    old.save("signature", "old")
     monkeypatch.setattr(kernel_cache, "source_stamp", lambda file: "other")
-    file = KernelCache(double)._files_in(tmp_path)
-    assert file.load("signature") is None
-    file.save("signature", "new")
-    assert (file.load("signature"), len(list(tmp_path.glob("*.nbc")))) == ("new", 1)
+    new = KernelCache(double)._files_in(tmp_path)
+    assert new.load("signature") is None
+    new.save("signature", "new")
+    assert (old.load("signature"), new.load("signature")) == ("old", "new")
+
+
+def test_files_unused_for_longest_are_removed_from_a_large_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = [kernel_cache._CacheFiles(str(tmp_path), name, "stamp") for name in "abc"]
+    for age, file in enumerate(files):
+        file.save("signature", "x" * 1000)
+        os.utime(*tmp_path.glob(f"{file._name('signature')}"), (age, age))
+    assert files[0].load("signature") is not None  # now the newest
+    monkeypatch.setattr(kernel_cache, "_MOST_BYTES", 2500)
+    kernel_cache._limit_size.__wrapped__(tmp_path)
+    assert [file.load("signature") is None for file in files] == [False, True, False]
+
+
+def test_a_copy_of_the_sources_compiles_nothing(tmp_path: Path) -> None:
+    """As another environment or checkout does."""
+    for folder, hits in (("first", 0), ("second", 1)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "helpers.py").write_text(HELPERS.format(factor=2))
+        (tmp_path / folder / "loops.py").write_text(LOOPS)
+        found, _ = run_in_fork(SHARED, tmp_path / folder, tmp_path / "kernels")
+        assert found.split() == ["14", str(hits)]
+
+
+SHARED = """
+from loops import multiplied
+print(multiplied(7), sum(multiplied.stats.cache_hits.values()))
+"""
 
 
 def home(module: str, name: str) -> str:
