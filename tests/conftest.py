@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,9 @@ from command_line import Agglo, caller
 from hypothesis import HealthCheck, settings
 
 from agglo_core import Mesh
+
+# A compiler and syntax trees hold many objects, which the default would visit again and again.
+gc.set_threshold(100_000)
 
 # the first example of a run may compile kernels: disable deadlines and the check for slow data
 _patient = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}

@@ -12,6 +12,8 @@ from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
+from syntax import syntax_tree
+
 import agglo_core.authoring
 
 ROOT = Path(__file__).parents[2]
@@ -99,18 +101,12 @@ CORE = [name for name in MODULES if name.startswith("agglo_core")]
 
 
 @cache
-def tree_of(module: str) -> ast.Module:
-    """Parse a module."""
-    return ast.parse(MODULES[module].read_text())
-
-
-@cache
 def imported(module: str) -> list[tuple[str, str]]:
     """List each ``(module, name)`` that a module imports; the name is empty for ``import module``."""
     package = module.split(".")
     package = package if MODULES[module].name == "__init__.py" else package[:-1]
     pairs: list[tuple[str, str]] = []
-    for node in ast.walk(tree_of(module)):
+    for node in ast.walk(syntax_tree(MODULES[module])):
         if isinstance(node, ast.Import):
             pairs += [(alias.name, "") for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -181,7 +177,7 @@ def test_no_two_modules_import_each_other() -> None:
 def test_later_folders_are_imported_by_methods_alone() -> None:
     for module, folders in LATER.items():
         assert folders <= {folder_of(other) for other in modules_imported(module)}
-        for node in tree_of(module).body:
+        for node in syntax_tree(MODULES[module]).body:
             if isinstance(node, ast.Import | ast.ImportFrom):
                 names = (
                     [node.module or ""] if isinstance(node, ast.ImportFrom) else [a.name for a in node.names]
@@ -224,7 +220,9 @@ def test_private_names_are_not_imported() -> None:
 def test_the_core_names_no_plugin() -> None:
     offenders = []
     for module in CORE:
-        constants = [node.value for node in ast.walk(tree_of(module)) if isinstance(node, ast.Constant)]
+        constants = [
+            node.value for node in ast.walk(syntax_tree(MODULES[module])) if isinstance(node, ast.Constant)
+        ]
         strings = [value for value in constants if isinstance(value, str)]
         offenders += [f"{module} names {s}" for s in strings if s.split(":")[0].split(".")[0] in PLUGINS]
     report(offenders)

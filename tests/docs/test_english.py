@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from syntax import syntax_tree
+
 ROOT = Path(__file__).parents[2]
 FILES = sorted(file for top in ("agglo_core", "plugins") for file in (ROOT / top).rglob("*.py"))
 
@@ -19,7 +21,7 @@ WORDS = 18
 @cache
 def trees() -> dict[str, ast.Module]:
     """Parse each file. Not at import: collecting the tests would take seconds in each worker."""
-    return {file.relative_to(ROOT).as_posix(): ast.parse(file.read_text(encoding="utf-8")) for file in FILES}
+    return {file.relative_to(ROOT).as_posix(): syntax_tree(file) for file in FILES}
 
 
 def docstrings() -> Iterator[tuple[str, str]]:

@@ -17,6 +17,7 @@ import numba
 import numpy as np
 import pytest
 from numba.core import event
+from syntax import syntax_tree
 
 from agglo_core.compiled import helper
 
@@ -100,7 +101,7 @@ TEXTS = {
 def trees() -> dict[Path, ast.Module]:
     """The files that define kernels or helpers, parsed."""
     defining = (file for file, text in TEXTS.items() if re.search(r"@(kernel|helper)\b", text))
-    return {file: ast.parse(TEXTS[file]) for file in defining}
+    return {file: syntax_tree(file) for file in defining}
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +114,7 @@ def compiled(trees: dict[Path, ast.Module]) -> tuple[dict[str, str], dict[str, s
     homes |= {("authoring", name) for name in kinds}
     using = (file for file, text in TEXTS.items() if not kinds.keys().isdisjoint(re.findall(r"\w+", text)))
     for file in using:
-        tree = trees.get(file) or ast.parse(TEXTS[file])
+        tree = syntax_tree(file)
         known = {name for _, name in imported(tree) & homes} | set(own.get(file, ()))
         for name, user in names_used(tree) if known else ():
             if name in known and name != user:

@@ -19,6 +19,7 @@ import pytest
 from forked import run_in_fork
 from numba import int64
 from numba.core.errors import TypingError
+from syntax import syntax_tree
 
 from agglo_core.compiled import compile_lock, kernel, kernel_cache
 from agglo_core.compiled.ahead_of_time import compile_listed, default_level, read_signatures
@@ -456,7 +457,7 @@ def home(module: str, name: str) -> str:
 
 def imports(file: Path) -> set[Path]:
     """Twin of one step of ``sources``: from the syntax tree, and from where modules are in fact."""
-    nodes = [node for node in ast.parse(file.read_text("utf-8")).body if isinstance(node, ast.ImportFrom)]
+    nodes = [node for node in syntax_tree(file).body if isinstance(node, ast.ImportFrom)]
     modules = {home(str(node.module), alias.name) for node in nodes for alias in node.names}
     packages = (
         "agglo_core",

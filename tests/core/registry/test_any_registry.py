@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 from own_names import MINE, Asks
+from syntax import syntax_tree
 
 import agglo_core as agglo
 import agglo_core.builtin
@@ -243,7 +244,7 @@ def test_the_registry_is_no_option(registry: Registry) -> None:
 def _trees() -> dict[Path, ast.Module]:
     """Parse the files of the core and the plugins."""
     files = [*(ROOT / "agglo_core").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")]
-    return {file.relative_to(ROOT): ast.parse(file.read_text()) for file in files}
+    return {file.relative_to(ROOT): syntax_tree(file) for file in files}
 
 
 def test_every_public_function_with_a_registry_is_asked_here() -> None:
