@@ -358,6 +358,7 @@ def test_exit_codes_and_the_order_of_the_table(
             assert "2 fail, 1 not run" in text
 
 
+@pytest.mark.slow
 def test_a_plugin_outside_the_repository_passes(outside: dict[str, Any]) -> None:
     code, text = outside["mine"]
     laws = len(laws_for(subject_of("spectral", promises={"deterministic": True, "3d": True})))
@@ -365,6 +366,7 @@ def test_a_plugin_outside_the_repository_passes(outside: dict[str, Any]) -> None
     assert f"mine: {laws} of {laws} laws hold" in text
 
 
+@pytest.mark.slow
 def test_a_broken_plugin_is_told_what_to_do(outside: dict[str, Any]) -> None:
     code, text = outside["names_of_sides"]
     assert code == 3
@@ -373,6 +375,7 @@ def test_a_broken_plugin_is_told_what_to_do(outside: dict[str, Any]) -> None:
     assert "use logging" in messages["says_nothing"]
 
 
+@pytest.mark.slow
 def test_a_hanging_plugin_is_stopped(outside: dict[str, Any]) -> None:
     code, text = outside["endless"]
     assert code == 3
@@ -381,5 +384,6 @@ def test_a_hanging_plugin_is_stopped(outside: dict[str, Any]) -> None:
     assert "no answer after 1 CPU seconds: look for a loop" in result["message"]
 
 
+@pytest.mark.slow
 def test_the_first_front_needs_no_pytest(outside: dict[str, Any]) -> None:
     assert {"side_array", "says_nothing"} <= set(outside["failed"])

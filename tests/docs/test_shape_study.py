@@ -134,6 +134,7 @@ def test_bad_shapes_cost_and_metrics_tell() -> None:
         assert good["outcomes"][outcome] < bad["outcomes"][outcome]
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_page_and_goes_on_where_it_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -99,6 +99,7 @@ def test_bubbles_of_a_chain_have_one_sign() -> None:
     assert (directions(mesh) @ (1.0, 0.618) > 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("ratio", [1e-3, 1e-6])
 def test_as_few_iterations_on_finer_layers(degree: int, ratio: float) -> None:

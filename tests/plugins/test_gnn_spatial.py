@@ -18,6 +18,8 @@ from agglo_gnn.space.network import SPATIAL_FEATURES, SPATIAL_SHAPES, initial_sp
 from agglo_gnn.space.pieces import solid_graphs
 from agglo_gnn.training.cut_costs import cut_costs
 
+pytestmark = pytest.mark.slow  # the kernels take a quarter of a minute to compile
+
 PAIRS = [(0, 1, 2), (0, 2, 1), (1, 2, 0), (1, 0, 2), (2, 0, 1), (2, 1, 0)]
 
 
@@ -178,7 +180,6 @@ def test_both_sides_are_there_whatever_the_weights_say():
             assert ((ones > 0) & (ones < np.diff(graph.offsets))).all()
 
 
-@pytest.mark.slow
 def test_what_was_learned_cuts_cheaper_than_axes_and_than_seven_directions():
     costs = {"learned": [], "untrained": [], "sweep": []}
     tools = {"learned": FastGNN(), "untrained": FastGNN(initial_spatial(0)), "sweep": SweepBisection()}

@@ -72,7 +72,10 @@ def test_counts_are_the_papers_where_the_partition_is_unique(grid: str) -> None:
     assert [count_of(grid, "kmeans", k) for k in range(len(SETTINGS))] == EXACT[grid]
 
 
-@pytest.mark.parametrize(("grid", "bisector"), PUBLISHED)
+@pytest.mark.parametrize(
+    ("grid", "bisector"),
+    [pytest.param(*each, marks=pytest.mark.slow if each[0] == "random" else ()) for each in PUBLISHED],
+)
 def test_other_counts_lie_near_the_papers(grid: str, bisector: str) -> None:
     if bisector == "metis":
         pytest.importorskip("pymetis")

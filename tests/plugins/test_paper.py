@@ -20,12 +20,7 @@ from agglo_paper.work.strategies import columns
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 PAGES = ("uf", "cr", "brain", "mg-levels", "mg-m1", "mg-smoothing", "mg-degree", "statistics", "runtime")
 TABLES = (*PAGES[:2], *PAGES[3:7])
-"""The pages on the paper's own grids; brain, fresh meshes and timings are made by slow tests alone."""
-
-FEW = ("--bisector", "gnn")
-"""Column of the fast run in addition to the paper's; the slow run has one for every installed bisector."""
-
-MADE = ["tables", pytest.param("quick", marks=pytest.mark.slow)]
+"""The pages on the paper's own grids."""
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("pymetis")
@@ -38,27 +33,17 @@ class Quick(NamedTuple):
     said: str
 
 
-def run_quickly(folder: Path, *words: str) -> Quick:
-    """A folder of one quick run of some pages or of everything, and what it printed."""
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> Quick:
+    """The folder of one quick run of everything, and what it printed."""
+    folder = tmp_path_factory.mktemp("paper")
     with pytest.MonkeyPatch.context() as patch:
         said: list[str] = []
         patch.setattr("agglo_paper.command.click.echo", lambda text="", **_: said.append(str(text)))
         with pytest.raises(SystemExit) as done:
-            main(["paper", *words, "--quick", "-o", str(folder)])
+            main(["paper", "--quick", "-o", str(folder)])
     assert done.value.code == 0
     return Quick(folder, "\n".join(said))
-
-
-@pytest.fixture(scope="module")
-def tables(tmp_path_factory: pytest.TempPathFactory) -> Quick:
-    """The folder of one quick run of the pages on the paper's grids, with one column added."""
-    return run_quickly(tmp_path_factory.mktemp("tables"), *TABLES, *FEW)
-
-
-@pytest.fixture(scope="module")
-def quick(tmp_path_factory: pytest.TempPathFactory) -> Quick:
-    """The folder of one quick run of everything, and the front page it printed."""
-    return run_quickly(tmp_path_factory.mktemp("paper"))
 
 
 def table(folder: Path, page: str, name: str) -> dict[str, dict[str, Any]]:
@@ -68,23 +53,13 @@ def table(folder: Path, page: str, name: str) -> dict[str, dict[str, Any]]:
     return {row["name"]: row for row in found["rows"]}
 
 
-def assert_pages_and_figures(folder: Path, pages: tuple[str, ...]) -> None:
-    for page in pages:
-        text = (folder / f"{page}.md").read_text(encoding="utf-8")
-        assert text.startswith("# ")
-        for figure in re.findall(r"\]\((\S+\.svg)\)", text):
-            assert (folder / figure).read_text(encoding="utf-8").rstrip().endswith("</svg>")
-
-
-def test_the_tables_and_their_figures_are_there(tables: Quick) -> None:
-    assert_pages_and_figures(tables.folder, TABLES)
-    assert {file.name for file in tables.folder.glob("*.svg")} >= {"grids.svg", "boxes.svg"}
-    assert {file.stem for file in tables.folder.glob("*.md")} == set(TABLES)
-
-
 @pytest.mark.slow
 def test_every_page_and_figure_is_there(quick: Quick) -> None:
-    assert_pages_and_figures(quick.folder, PAGES)
+    for page in PAGES:
+        text = (quick.folder / f"{page}.md").read_text(encoding="utf-8")
+        assert text.startswith("# ")
+        for figure in re.findall(r"\]\((\S+\.svg)\)", text):
+            assert (quick.folder / figure).read_text(encoding="utf-8").rstrip().endswith("</svg>")
     figures = {file.name for file in quick.folder.glob("*.svg")}
     assert figures >= {"grids.svg", "boxes.svg", "brain.svg", "brain-boxes.svg", "runtime.svg"}
     assert "# The paper, table by table" in quick.said
@@ -92,16 +67,17 @@ def test_every_page_and_figure_is_there(quick: Quick) -> None:
     assert str(quick.folder) not in (quick.folder / "README.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grid", ["triangles", "squares"])
-def test_where_the_partition_is_unique_every_digit_is_the_papers(tables: Quick, grid: str) -> None:
+def test_where_the_partition_is_unique_every_digit_is_the_papers(quick: Quick, grid: str) -> None:
     for page in ("uf", "cr"):
-        row = table(tables.folder, page, page)[grid]
+        row = table(quick.folder, page, page)[grid]
         assert row["verdict"].startswith("reproduced")
         for column in ("k-means", "gnn"):
             assert row["cells"][column]["ours"] == pytest.approx(row["cells"][column]["paper"], abs=6e-5)
     counted = 0
     for page in PAGES[3:7]:
-        for name, row in table(tables.folder, page, page).items():
+        for name, row in table(quick.folder, page, page).items():
             if name.startswith(grid):
                 counted += 1
                 assert row["verdict"].startswith("reproduced")
@@ -122,25 +98,22 @@ def deterministic() -> set[str]:
     return {each.name for each in columns() if each.bisector in promised and not each.problem}
 
 
-@pytest.mark.parametrize("made", MADE)
+@pytest.mark.slow
 @pytest.mark.parametrize("page", TABLES)
-def test_the_results_in_the_documentation_are_made_again(
-    made: str, page: str, request: pytest.FixtureRequest
-) -> None:
-    folder = request.getfixturevalue(made).folder
+def test_the_results_in_the_documentation_are_made_again(quick: Quick, page: str) -> None:
     slack = (
         {"abs": 1e-4} if page in ("uf", "cr") else {"rel": 0.01, "abs": 1.0}
     )  # rounding moves counts by one
     compared = 0
     for name in (page, f"{page}-ours"):
         published, promised = table(RESULTS, page, name), deterministic()
-        for key, row in table(folder, page, name).items():
+        for key, row in table(quick.folder, page, name).items():
             for column in row["cells"]:
                 if {key, column} & promised:
                     ours, theirs = (t[key]["cells"][column].get("ours") for t in ({key: row}, published))
                     assert ours == pytest.approx(theirs, **slack), (key, column)
                     compared += 1
-    assert compared > (15 if made == "quick" else 5)
+    assert compared > 15
 
 
 @pytest.mark.slow
@@ -150,8 +123,9 @@ def test_gnn_beside_the_authors_files(quick: Quick) -> None:
     assert all(int(row["cells"]["gnn"].split(" / ")[0]) > 1 for row in rows.values())
 
 
-def test_metis_is_asked_for_the_papers_counts(tables: Quick) -> None:
-    counts = table(tables.folder, "uf", "uf-K")
+@pytest.mark.slow
+def test_metis_is_asked_for_the_papers_counts(quick: Quick) -> None:
+    counts = table(quick.folder, "uf", "uf-K")
     for name in ("METIS", "METIS, best options"):
         found = [counts[name]["cells"][grid]["ours"] for grid in published_values()["uf"]]
         assert found == [128 // 16, 286 // 16, 256 // 16, 256 // 16]
@@ -170,17 +144,9 @@ def modified(folder: Path) -> dict[str, int]:
     return {file.name: file.stat().st_mtime_ns for file in (folder / "cache").glob("*.json")}
 
 
-@pytest.mark.parametrize(
-    ("made", "words"),
-    [
-        ("tables", ("mg-m1", *FEW)),
-        pytest.param("quick", ("uf", "cr", "mg-m1", "statistics", "brain"), marks=pytest.mark.slow),
-    ],
-)
-def test_a_second_run_computes_only_what_is_missing(
-    made: str, words: tuple[str, ...], request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = request.getfixturevalue(made).folder
+@pytest.mark.slow
+def test_a_second_run_computes_only_what_is_missing(quick: Quick, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, words = quick.folder, ("uf", "cr", "mg-m1", "statistics", "brain")
     before = modified(folder)
     counts = [name for name in sorted(before) if '"count"' in (folder / "cache" / name).read_text()]
     lost, torn = counts[:2]
@@ -191,7 +157,7 @@ def test_a_second_run_computes_only_what_is_missing(
     assert set(after) == set(before)
     assert {name for name in after if before[name] != after[name]} == {lost, torn}
     capsys.readouterr()
-    assert agglo("paper", "mg-m1", *FEW, "--quick", "--json", "-o", str(folder)) == 0
+    assert agglo("paper", "mg-m1", "--quick", "--json", "-o", str(folder)) == 0
     assert [page["name"] for page in json.loads(capsys.readouterr().out)] == ["mg-m1"]
 
 
@@ -234,27 +200,19 @@ def newcomer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("newcomer")
-@pytest.mark.parametrize(
-    ("made", "pages", "chosen"),
-    [
-        ("tables", ("uf",), ("--bisector", "newcomer", "--bisector", "clumsy")),
-        pytest.param("quick", ("uf", "runtime"), (), marks=pytest.mark.slow),
-    ],
-)
-def test_a_newly_installed_bisector_is_a_column(
-    made: str, pages: tuple[str, ...], chosen: tuple[str, ...], request: pytest.FixtureRequest
-) -> None:
+@pytest.mark.parametrize("page", ["uf", pytest.param("runtime", marks=pytest.mark.slow)])
+def test_a_newly_installed_bisector_is_a_column(page: str, tmp_path: Path) -> None:
     assert {"newcomer", "clumsy"} <= {each.name for each in columns()}
-    folder = request.getfixturevalue(made).folder
-    assert agglo("paper", *pages, *chosen, "--quick", "-o", str(folder)) == 0
-    row = table(folder, "uf", "uf-ours")["newcomer"]["cells"]
-    assert all(0 < cell["ours"] <= 1 for cell in row.values())
-    assert "ours" not in table(folder, "uf", "uf-ours")["clumsy"]["cells"]["squares"]
-    for page in pages:
-        text = (folder / f"{page}.md").read_text(encoding="utf-8")
-        assert "| newcomer" in text
-        assert "clumsy on " in text
-        assert "ZeroDivisionError" in text
+    chosen = ("--bisector", "newcomer", "--bisector", "clumsy")
+    assert agglo("paper", page, *chosen, "--quick", "-o", str(tmp_path)) == 0
+    text = (tmp_path / f"{page}.md").read_text(encoding="utf-8")
+    assert "| newcomer" in text
+    assert "clumsy on " in text
+    assert "ZeroDivisionError" in text
+    if page == "uf":
+        rows = table(tmp_path, "uf", "uf-ours")
+        assert all(0 < cell["ours"] <= 1 for cell in rows["newcomer"]["cells"].values())
+        assert "ours" not in rows["clumsy"]["cells"]["squares"]
 
 
 def test_what_cannot_be_used_says_why() -> None:

@@ -22,6 +22,8 @@ from agglo_polydg_mg.space.basis import Basis, stiffness
 
 NONE = np.empty(0, np.int64)
 
+CUBIC = pytest.param(3, marks=pytest.mark.slow)
+
 
 def tagged(mesh: Mesh) -> Mesh:
     """Boundary faces of value 2 where z = 1, of value 1 elsewhere."""
@@ -67,7 +69,7 @@ def slow_matrix(mesh: Mesh, degree: int, kappa: Array, sigma: Array) -> Array:
 
 
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("degree", [1, 2, CUBIC])
 def test_matrices_are_those_of_a_slow_assembly(name: str, degree: int) -> None:
     mesh = MESHES[name]
     kappa = np.random.default_rng(1).choice([1.0, 1e3], mesh.n_cells)
@@ -81,7 +83,7 @@ def test_matrices_are_those_of_a_slow_assembly(name: str, degree: int) -> None:
 
 
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("degree", [1, 3])
+@pytest.mark.parametrize("degree", [1, CUBIC])
 def test_polynomials_are_reproduced(name: str, degree: int) -> None:
     """Values given on all sides but one, the flux there; κ is one number, and a function."""
     mesh = tagged(MESHES[name])
@@ -187,7 +189,7 @@ _SLOW = ("tetrahedra", "Voronoi", "agglomerates")
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in _SLOW else name for name in ORDERS]
 )
-@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("degree", [1, 2, CUBIC])
 def test_errors_fall_with_the_size_of_the_cells(name: str, degree: int) -> None:
     """By their orders, p + 1 in L2 and p in the DG norm."""
     build, sizes = ORDERS[name]

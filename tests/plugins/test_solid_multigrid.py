@@ -43,7 +43,7 @@ MESHES = {
 
 
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("degree", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_iterations_are_few(name: str, degree: int) -> None:
     mesh, recipe, most = MESHES[name]
     solution = PolyDGMultigrid(degree).solve(Diffusion(source=8.0), bare(mesh))

@@ -159,6 +159,7 @@ def test_bisectors_can_be_chosen(agglo: Agglo, small: None, tmp_path: Path) -> N
     assert agglo("demo", "--bisector", "kmean").err.count("did you mean 'kmeans'?") == 1
 
 
+@pytest.mark.slow
 def test_a_brain_in_voxels_with_tissues_apart(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
     head = samples.brain3d(12)

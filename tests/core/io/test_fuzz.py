@@ -37,6 +37,9 @@ SHARE = {
     ".safetensors": 20,
     ".geojson": 20,
 }
+SLOW = [
+    pytest.param(suffix, marks=() if suffix in (".vtu", ".toml") else pytest.mark.slow) for suffix in SHARE
+]
 MANY = {
     ".vtu": 650,
     ".npz": 480,
@@ -48,7 +51,7 @@ MANY = {
 }
 
 
-@pytest.mark.parametrize("suffix", SHARE)
+@pytest.mark.parametrize("suffix", SLOW)
 def test_damaged_files_are_read_or_refused(suffix: str) -> None:
     """Nothing leaks, nothing hangs, and ``agglo run`` leaves all of its output or none."""
     verdicts = [verdict for _, verdict in fuzz({suffix: SHARE[suffix]}, seed=0, keep=None, every=40)]
@@ -127,7 +130,7 @@ def test_bombs_are_called_by_name(tmp_path: Path) -> None:
     assert "document type declaration" in text
 
 
-@pytest.mark.parametrize("suffix", SHARE)
+@pytest.mark.parametrize("suffix", SLOW)
 def test_what_is_damaged_was_whole(suffix: str, tmp_path: Path) -> None:
     for content in valid_files(suffix):
         file = tmp_path / f"m{suffix}"
