@@ -7,7 +7,6 @@ python -m agglo_core.compiled.ahead_of_time FOLDER [LEVEL ...]
 
 from __future__ import annotations
 
-import gc
 import multiprocessing
 import os
 import sys
@@ -97,7 +96,6 @@ def compile_listed(folder: Path, signatures: Iterable[Signature], level: str) ->
 
 
 def _prepare(level: str) -> None:
-    gc.set_threshold(100_000)  # the default takes a tenth of the time of compiling
     settings: Any = numba.config
     settings.CPU_NAME, settings.CPU_FEATURES = level, ""
 

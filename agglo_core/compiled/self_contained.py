@@ -5,11 +5,15 @@ No other module uses the internals of ``numba.core.codegen`` and of numba's pass
 
 from __future__ import annotations
 
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 from numba.core import cpu
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
+from numba.core.compiler import Compiler, Flags
 from numba.core.compiler_machinery import register_pass
 from numba.core.typed_passes import NativeLowering
 
@@ -37,7 +41,62 @@ class _KernelLibrary(JITCodeLibrary):
             function.linkage = "linkonce_odr"
 
 
-class KernelCompiler(Compiler):
+class _Interned(Flags):
+    """Compiler options that are hashed once, and equal to no other interned ones."""
+
+    __slots__ = ("_hash",)
+
+    def __init__(self, options: Flags) -> None:
+        super().__init__(options)  # type: ignore[no-untyped-call]
+        self._hash = hash(options)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (type(other) is not _Interned and super().__eq__(other))  # type: ignore[no-untyped-call]
+
+    def copy(self) -> Flags:
+        return Flags(self)  # type: ignore[no-untyped-call]
+
+
+@cache
+def _interned(options: Flags) -> _Interned:
+    return _Interned(options)
+
+
+class _Options(Flags):
+    """Compiler options, of which numba keeps an interned copy while it compiles a function.
+
+    For each operation numba looks up an implementation by types and options. It would hash and compare some
+    20 options each time: a tenth of the time to compile a kernel.
+    """
+
+    __slots__ = ()
+
+    def copy(self) -> _Interned:
+        return _interned(Flags(self))  # type: ignore[no-untyped-call]
+
+
+class _Compiler(Compiler):
+    def compile_extra(self, func: Any) -> Any:
+        self.state.flags = _Options(self.state.flags)  # type: ignore[no-untyped-call]
+        return super().compile_extra(func)  # type: ignore[no-untyped-call]
+
+
+@contextmanager
+def _rare_collections() -> Iterator[None]:
+    """Collect garbage rarely: Python's threshold of 700 objects costs 6 % of the time of compiling."""
+    young, *older = gc.get_threshold()
+    if young:
+        gc.set_threshold(max(young, 100_000), *older)
+    try:
+        yield
+    finally:
+        gc.set_threshold(young, *older)
+
+
+class KernelCompiler(_Compiler):
     """Numba compiler for kernels, which keeps the copies of helpers in a kernel private."""
 
     def define_pipelines(self) -> Any:
@@ -51,7 +110,8 @@ class KernelCompiler(Compiler):
     def compile_extra(self, func: Any) -> Any:
         """Compile a function. If this fails, release the locks so that other processes compile it."""
         try:
-            return super().compile_extra(func)  # type: ignore[no-untyped-call]
+            with _rare_collections():
+                return super().compile_extra(func)
         except BaseException:
             compile_lock.release_all()
             raise
@@ -101,7 +161,7 @@ class _HelperLowering(NativeLowering):
         return changed
 
 
-class HelperCompiler(Compiler):
+class HelperCompiler(_Compiler):
     """Numba compiler for functions that only kernels call: it produces no machine code."""
 
     def define_pipelines(self) -> Any:
