@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -79,6 +79,13 @@ def note_varying_tags(mesh: Mesh, coarse: Mesh, level: int) -> None:
             level,
             ", ".join(lost),
         )
+
+
+def note_face_tags(mesh: Mesh, suffix: str, kept: Collection[str] = ()) -> None:
+    """Warn about face tags that a file cannot hold."""
+    lost = [name for name in mesh.face_tags if name not in kept]
+    if lost:
+        _log.warning("face tags left out, which %s cannot hold: %s", suffix, ", ".join(lost))
 
 
 def note_left_out(mesh: Mesh, names: Iterable[str]) -> Mesh:

@@ -119,12 +119,12 @@ def _vtu_by_hand() -> Iterator[bytes]:
         yield w.file(*pieces)
 
 
-def _hierarchies() -> Iterator[tuple[Mesh, Hierarchy]]:
-    """Yield a 2-D mesh, a 3-D mesh and a mesh with holes."""
+def _hierarchies(*meshes: Mesh) -> Iterator[tuple[Mesh, Hierarchy]]:
+    """Yield hierarchies of the meshes; by default of a 2-D mesh, a 3-D mesh and a mesh with holes."""
     grid = samples.squares(7)
     one_by_one = np.arange(grid.n_cells)
     holes = grid.coarsen(np.unique(np.where(_frame(7), 8, one_by_one), return_inverse=True)[1])
-    for mesh in (samples.voronoi(60, seed=1), samples.boxes(3), holes):
+    for mesh in meshes or (samples.voronoi(60, seed=1), samples.boxes(3), holes):
         tagged = replace(mesh, cell_tags={"mat": np.arange(mesh.n_cells) % 3})
         hierarchy = agglomerate(tagged, bisector="coordinate", n_parts=(8, 2))
         yield tagged, replace(hierarchy, statistics={"depth": 3})  # reproducible: no times
@@ -145,9 +145,9 @@ def _vtu_with_names() -> bytes:
         return (Path(folder) / "m.vtu").read_bytes()
 
 
-def _written(suffix: str) -> Iterator[bytes]:
+def _written(suffix: str, *meshes: Mesh) -> Iterator[bytes]:
     with tempfile.TemporaryDirectory() as folder:
-        for i, (mesh, hierarchy) in enumerate(_hierarchies()):
+        for i, (mesh, hierarchy) in enumerate(_hierarchies(*meshes)):
             file = Path(folder) / f"{i}{suffix}"
             write(file, mesh, hierarchy)
             yield file.read_bytes()
@@ -184,7 +184,7 @@ def _msh() -> list[bytes]:
         meshlane.Mesh(cube, [("tetra", np.array([[0, 1, 2, 3], [1, 2, 3, 4]]))]),
     ]
     found = [partitioned(version, order) for version in ("4.0", "4.1") for order in ("", "<")]
-    found += [version_2("") + data("part", [(6, 3)]), version_2("<")]
+    found += [version_2("") + data("part", [(6, 3)]), version_2("<"), *_written(".msh", samples.triangles(3))]
     with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
         for mesh, form in zip(meshes, ("gmsh22", "gmsh", "gmsh22", "gmsh"), strict=True):
             mesh.cell_data = {

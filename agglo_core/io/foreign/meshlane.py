@@ -29,7 +29,7 @@ from agglo_core.io.atomic import staging
 from agglo_core.io.foreign.unread import why_unread
 from agglo_core.io.gmsh.read import soup_of_gmsh
 from agglo_core.io.gmsh.write import RESERVED, write_gmsh
-from agglo_core.io.tags import cell_data, check_names, note_left_out
+from agglo_core.io.tags import cell_data, check_names, note_face_tags, note_left_out
 from agglo_core.io.to_mesh.options import Reading, ReadOptions
 from agglo_core.io.to_mesh.soup import Soup, mesh_from_soup
 from agglo_core.io.vtk.legacy import legacy_kind, read_legacy
@@ -107,6 +107,8 @@ class Meshlane(Reading):
             target = folder / path.name
             (write_gmsh if path.suffix.lower() == ".msh" else _write_silently)(target, mesh, tags)
             _check_whole(target, mesh, tags)
+        if path.suffix.lower() != ".msh":
+            note_face_tags(mesh, path.suffix)
 
 
 def _read(path: Path, options: ReadOptions) -> Mesh:

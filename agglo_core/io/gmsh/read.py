@@ -22,6 +22,7 @@ from agglo_core.io.gmsh.elements import (
     read_nodes,
 )
 from agglo_core.io.gmsh.sections import Numbers, decode_name, gmsh_header, sections
+from agglo_core.io.text.cell_lines import tags_declared
 from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.mesh.elements import concatenate, gather
 
@@ -83,6 +84,9 @@ def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
             elements = read_elements(numbers, entities)
         elif name == "ElementData":
             data.append(_element_data(numbers))
+    declared = tags_declared(content[: places["Nodes"].start])
+    if declared is not None and declared != len(data):
+        raise FileError(f"{declared} $ElementData are declared, but {len(data)} follow: truncated")
     # Version 2 repeats elements per group: merge the repetitions into one cell.
     first = first_listings(elements) if header.version == "2" else frozen_int(np.arange(len(elements.types)))
     cell_elements = frozen_int(np.flatnonzero(first == np.arange(len(first))))

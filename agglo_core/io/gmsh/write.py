@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
@@ -14,6 +15,7 @@ from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.files.text_numbers import integer_lines, real_lines
 from agglo_core.io.tags import is_level
+from agglo_core.io.text.cell_lines import tag_count
 from agglo_core.io.to_mesh.plain_cells import used_points
 from agglo_core.io.vtk.cells import POLYHEDRON, cells_of
 from agglo_core.mesh import Mesh
@@ -24,6 +26,7 @@ RESERVED = ("gmsh:physical", "gmsh:geometrical")
 
 _NO_GROUPS = (*RESERVED, "gmsh:partition")  # tags of faces
 
+_log = logging.getLogger("agglo")
 _LARGEST = 1 << 53  # larger integers are not exact as doubles
 _WEDGE = (0, 2, 1, 3, 5, 4)  # Gmsh's first triangle looks inward
 _TYPES = {2: 1, 3: 2, 4: 3}  # corners of a line, triangle, quadrilateral to Gmsh's type
@@ -59,10 +62,12 @@ def write_gmsh(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     faces = _faces(mesh, number)
     with open(path, "w", encoding="utf-8") as stream:
         stream.write("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n")
+        data = {name: values for name, values in written_tags.items() if name not in cells.groups}
+        if data:
+            stream.write(f"$Comments\n{tag_count(data)}$EndComments\n")
         _write_elements(stream, points, [cells, faces] if len(faces.types) else [cells])
-        for name, values in written_tags.items():
-            if name not in cells.groups:
-                _write_data(stream, name, np.concatenate((values, np.full(len(faces.types), -1))))
+        for name, values in data.items():
+            _write_data(stream, name, np.concatenate((values, np.full(len(faces.types), -1))))
 
 
 def _is_group(name: str, values: Int) -> bool:
@@ -113,7 +118,14 @@ def _faces(mesh: Mesh, number: Int | None) -> _Elements:
     for name, values in mesh.face_tags.items():
         group_values = [] if name in _NO_GROUPS else np.unique(values[values > 0]).tolist()
         for value in group_values:
-            groups[name if group_values == [1] else f"{name}_{value}"] = frozen_int(values == value)
+            group = name if group_values == [1] else f"{name}_{value}"
+            if group in groups:
+                raise FileError(
+                    f"two face tags become the Gmsh group {group!r}; rename the face tag {name!r}"
+                )
+            groups[group] = frozen_int(values == value)
+        if (values < -1).any() and name not in _NO_GROUPS:
+            _log.warning("face tag %r: negative values left out; Gmsh files hold positive ones", name)
     sizes = np.diff(mesh.face_offsets)
     is_grouped = np.any([*groups.values(), np.zeros(mesh.n_faces, bool)], axis=0) & (sizes <= 4)
     faces = frozen_int(np.flatnonzero(is_grouped))

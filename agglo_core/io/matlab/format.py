@@ -36,6 +36,9 @@ class Matlab(Compressing):
     def read(self, path: Path) -> Mesh:
         """Read the mesh in a MATLAB file.
 
+        Files of other programs do not declare their variables: one that is truncated between two variables
+        lacks the others.
+
         Raises FileError or MeshError.
         """
         return read_matlab(path, **self.reading)

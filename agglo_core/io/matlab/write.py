@@ -52,13 +52,17 @@ def write_matlab(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compres
         If files cannot hold a tag name.
     """
     has_ids = "id" in mesh.cell_tags
-    write_levels(path, mesh, hierarchy, partial(_write, has_ids=has_ids, compress=compress))
+    kept = ("bc_tag",) if mesh.dim == 2 else ()
+    write_levels(path, mesh, hierarchy, partial(_write, has_ids=has_ids, compress=compress), face_tags=kept)
 
 
 def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int], *, has_ids: bool, compress: bool) -> None:
     cells = _solid(mesh) if mesh.dim == 3 else _plane(mesh, tags, has_ids)
     grids = [grid_structure(mesh), *_coarse_grids(mesh, tags)]
-    write_variables(path, [*cells, *grids, *_tags(tags)], compress=compress)
+    names = _variable_names(tags)
+    # The names come first, and the variable that is read before the others, so that a reader notices a
+    # file that ends between two variables.
+    write_variables(path, [_name_table(names), *cells, *grids, *_tags(names, tags)], compress=compress)
 
 
 def _coarse_grids(mesh: Mesh, tags: Mapping[str, Int]) -> Iterator[bytes]:
@@ -78,9 +82,9 @@ def _solid(mesh: Mesh) -> Iterator[bytes]:
 def _plane(mesh: Mesh, tags: Mapping[str, Int], has_ids: bool) -> Iterator[bytes]:
     loops = loops_of(mesh, ".mat")
     cells = lists(loops.offsets, frozen_int(loops.vertices + 1))
+    yield structure("region", _region(mesh, loops, tags, has_ids))
     yield numbers("node", loops.points)
     yield cell_array("elem", (mesh.n_cells, 1), cells)
-    yield structure("region", _region(mesh, loops, tags, has_ids))
     n, sizes = mesh.n_cells, np.diff(loops.offsets)
     cell, edge = _neighbours(loops)
     yield structure(
@@ -146,13 +150,10 @@ def _neighbours(loops: Loops) -> tuple[Int, Int]:
     return frozen_int(cell), frozen_int(edge)
 
 
-def _tags(tags: Mapping[str, Int]) -> Iterator[bytes]:
-    """Yield each tag as a MATLAB variable, then the tag name table.
-
-    Names that are invalid in MATLAB are replaced.
-    """
+def _variable_names(tags: Mapping[str, Int]) -> dict[str, str]:
+    """Return the tag name of each MATLAB variable, with substitutes for names that are invalid in MATLAB."""
     names: dict[str, str] = {}
-    for name, values in tags.items():
+    for name in tags:
         ascii_name = re.sub(r"[^A-Za-z0-9_]", "_", name)[:40]
         fits = (
             ascii_name == name
@@ -164,6 +165,16 @@ def _tags(tags: Mapping[str, Int]) -> Iterator[bytes]:
         while variable in names or (variable != name and variable in tags):
             variable += "_"
         names[variable] = name
-        yield numbers(variable, values + 1 if is_level(name) else values)
+    return names
+
+
+def _tags(names: Mapping[str, str], tags: Mapping[str, Int]) -> Iterator[bytes]:
+    """Yield each tag as a MATLAB variable."""
+    for variable, name in names.items():
+        yield numbers(variable, tags[name] + 1 if is_level(name) else tags[name])
+
+
+def _name_table(names: Mapping[str, str]) -> bytes:
+    """Return the variable with the tag names."""
     text = np.frombuffer(json.dumps(names).encode(), np.uint8)
-    yield numbers(NAMES, text[None])
+    return numbers(NAMES, text[None])

@@ -258,21 +258,29 @@ def _sort_faces(mesh: Mesh) -> _Faces:
 def _patches(mesh: Mesh, outer: Int) -> tuple[list[str], Int]:
     """Group the boundary faces into patches: patch names, and the patch number of each face.
 
-    A 0/1 tag is a patch with its name; for other tags each value is a patch ``TAG_VALUE``.
+    A 0/1 tag is a patch with its name; for other tags each value except −1 is a patch ``TAG_VALUE``. A face
+    is in the patch of its first tag. Warn about other tags of the face, and about tags of inner faces.
     """
     names: list[str] = []
     patch = np.full(len(outer), -1)
     for tag, values in mesh.face_tags.items():
         outer_values = values[outer]
         is_binary = np.isin(values, (-1, 0, 1)).all()
-        for value in [1] if is_binary else np.unique(outer_values[outer_values >= 0]).tolist():
-            in_patch = (outer_values == value) & (patch < 0)
-            if in_patch.any():
-                word = _NO_WORD.sub("_", tag if is_binary else f"{tag}_{value}")
-                while word in names:
-                    word += "_"
-                patch[in_patch] = len(names)
-                names.append(word)
+        free = (patch < 0) & (outer_values == 1 if is_binary else outer_values != -1)
+        for value in np.unique(outer_values[free]).tolist():
+            word = _NO_WORD.sub("_", tag if is_binary else f"{tag}_{value}")
+            while word in names:
+                word += "_"
+            patch[free & (outer_values == value)] = len(names)
+            names.append(word)
+        # The tag ``patch`` of a mesh from OpenFOAM repeats the other tags.
+        n_tagged = int((~np.isin(values, (-1, 0))).sum())
+        n_written = int((outer_values[free] != 0).sum())
+        if n_written < n_tagged and (tag != PATCH or len(mesh.face_tags) == 1):
+            _log.warning(
+                "face tag %r: %d of %d faces written; OpenFOAM holds outer faces, each in one patch",
+                *(tag, n_written, n_tagged),
+            )
     if (patch < 0).any():
         patch[patch < 0] = len(names)
         names.append(_REST if _REST not in names else f"{_REST}_")

@@ -13,7 +13,16 @@ from agglo_core.errors import FileError
 from agglo_core.files.text_numbers import integer_lines, integers, line_of
 
 _TITLE = "cell data"
+_COUNT = rb"cell data: (\d{1,9})[ \t\r]*(?=\n)"
 _ROW = 16  # values per line
+
+
+def tag_count(tags: Mapping[str, Int], prefix: str = "") -> str:
+    """Return a line with the number of tags, by which :func:`find_tags` notices a truncated file.
+
+    The line is empty without tags. Formats with comments have it before the points.
+    """
+    return f"{prefix}{_TITLE}: {len(tags)}\n" if tags else ""
 
 
 def tag_lines(tags: Mapping[str, Int], prefix: str = "") -> str:
@@ -37,12 +46,13 @@ def find_tags(content: bytes, n_cells: int, prefix: str = "") -> dict[str, Int]:
     Raises
     ------
     FileError
-        If a tag is broken, or its value count differs from the cell count.
+        If a tag is broken, its value count differs from the cell count, or there are fewer tags than
+        :func:`tag_count` declares.
     """
     mark = re.escape(prefix.encode())
     values_of = re.compile(rb"(?:\n%b[-0-9 \t\r]*+(?=\n|\Z))*+" % mark)
     tags: dict[str, Int] = {}
-    start = tags_begin(content, prefix)
+    start = _next_title(content, prefix)
     while start < len(content):
         after = content.find(b"\n", start)
         after = len(content) if after < 0 else after
@@ -54,12 +64,28 @@ def find_tags(content: bytes, n_cells: int, prefix: str = "") -> dict[str, Int]:
         if not len(values) or values[0] != len(values) - 1 or len(values) - 1 != n_cells:
             raise FileError(f"cell data {name!r} has {max(len(values) - 1, 0)} values for {n_cells} cells")
         tags[name] = frozen_int(values[1:])
-        start = tags_begin(content, prefix, stop)
+        start = _next_title(content, prefix, stop)
+    declared = tags_declared(content, prefix)
+    if declared is not None and declared != len(tags):
+        line = line_of(content, len(content) - 1)
+        raise FileError(f"line {line}: {declared} cell data are declared, but {len(tags)} found: truncated")
     return tags
 
 
-def tags_begin(content: bytes, prefix: str = "", start: int = 0) -> int:
-    """Return the offset of the first line ``cell data "NAME"`` in a text, or the text length."""
+def tags_declared(content: bytes, prefix: str = "") -> int | None:
+    """Return the number of tags that the line of :func:`tag_count` declares, or None without the line."""
+    declared = re.search(re.escape(prefix.encode()) + _COUNT, content)
+    return int(declared[1]) if declared is not None else None
+
+
+def tags_begin(content: bytes) -> int:
+    """Return the offset of the cell data in a text, or the text length."""
+    match = re.search(rb'\ncell data(?:: | ")', content)
+    return match.start() + 1 if match is not None else len(content)
+
+
+def _next_title(content: bytes, prefix: str, start: int = 0) -> int:
+    """Return the offset of the next line ``cell data "NAME"``, or the text length."""
     place = content.find(f'\n{prefix}{_TITLE} "'.encode(), max(start - 1, 0))
     return place + 1 if place >= 0 else len(content)
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.files.regular import text_bytes
+from agglo_core.files.regular import whole_text
 from agglo_core.files.text_numbers import integer_lines, integers, line_of, real_lines, reals
-from agglo_core.io.text.cell_lines import find_tags, tag_lines, tags_begin
+from agglo_core.io.text.cell_lines import find_tags, tag_count, tag_lines, tags_begin
 from agglo_core.io.text.counted_lists import locate_lists
 from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.to_mesh.plain_cells import loops_of, write_levels
@@ -57,12 +57,15 @@ class Fvca(Reading):
 
         Cell data in agglo's own files become tags again.
 
+        Files do not declare their sections: one that is truncated between two sections lacks the cells or the
+        cell data of the others.
+
         Raises
         ------
         FileError, MeshError
             For a broken file or mesh.
         """
-        points, (offsets, vertices), tags = _parse_file(text_bytes(path))
+        points, (offsets, vertices), tags = _parse_file(whole_text(path))
         return Mesh.from_polygons(
             points,
             (offsets, vertices),
@@ -197,4 +200,4 @@ def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
         stream.write(real_lines(loops.points))
         stream.write(f"cells\n{len(sizes)}\n")
         stream.write(integer_lines(loops.offsets, frozen_int(loops.vertices + 1), forms))
-        stream.write(tag_lines(tags))
+        stream.write(tag_count(tags) + tag_lines(tags))

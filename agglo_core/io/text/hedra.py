@@ -10,9 +10,9 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.files.regular import text_bytes
+from agglo_core.files.regular import whole_text
 from agglo_core.files.text_numbers import integer_lines, real_lines, reals
-from agglo_core.io.text.cell_lines import find_tags, tag_lines, tags_begin
+from agglo_core.io.text.cell_lines import find_tags, tag_count, tag_lines, tags_begin
 from agglo_core.io.text.counted_lists import locate_lists
 from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.to_mesh.plain_cells import used_points, write_levels
@@ -34,14 +34,14 @@ class Hedra(Reading):
     def read(self, path: Path) -> Mesh:
         """Read the mesh in a ``.hedra`` file.
 
-        Cell data in agglo's own files become tags again.
+        Cell data in agglo's own files become tags again. A file that is truncated after its cells has none.
 
         Raises
         ------
         FileError, MeshError
             For a broken file or mesh.
         """
-        content = text_bytes(path)
+        content = whole_text(path)
         # Read the counts and the points.
         numbers = reals(content, 0, tags_begin(content))
         counts = numbers[:3].tolist()
@@ -114,4 +114,4 @@ def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
             widest = int(np.diff(starts).max())
             forms = [f"{k} " + " ".join(["%d"] * k) + "\n" for k in range(widest + 1)]
             stream.write(integer_lines(frozen_int(starts), frozen_int(values), forms))
-        stream.write(tag_lines(tags))
+        stream.write(tag_count(tags) + tag_lines(tags))

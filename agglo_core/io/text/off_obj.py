@@ -11,9 +11,9 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.files.regular import text_bytes
+from agglo_core.files.regular import whole_text
 from agglo_core.files.text_numbers import integer_lines, integers, real_lines, reals, words_per_line
-from agglo_core.io.text.cell_lines import find_tags, tag_lines
+from agglo_core.io.text.cell_lines import find_tags, tag_count, tag_lines
 from agglo_core.io.text.counted_lists import locate_lists
 from agglo_core.io.to_mesh.options import Reading, ReadOptions
 from agglo_core.io.to_mesh.plain_cells import loops_of, write_levels
@@ -43,7 +43,7 @@ class Off(Reading):
             For a broken file or mesh, a binary or four-dimensional file, or a surface.
         """
         # Header and counts.
-        content = text_bytes(path)
+        content = whole_text(path)
         text = re.sub(rb"#[^\n]*", b"", content)
         head = _OFF.match(text)
         if head is None:
@@ -132,12 +132,14 @@ class Obj(Reading):
     def read(self, path: Path) -> Mesh:
         """Read an OBJ file and ignore normals, texture coordinates and groups.
 
+        Files of other programs do not declare their size: one that is truncated after a line has fewer cells.
+
         Raises
         ------
         FileError, MeshError
             For a broken file or mesh, or a surface.
         """
-        content = text_bytes(path)
+        content = whole_text(path)
         # Points: lines "v x y z"; backslashes continue lines.
         text = content.replace(b"\\\n", b" ")
         rows = b"\n".join(re.findall(rb"(?m)^v[ \t]+([^\n#]*)", text))
@@ -179,7 +181,7 @@ def _check_own_counts(content: bytes, n_points: int, n_faces: int) -> None:
     match = re.match(rb"# agglo: (\d{1,18}) points, (\d{1,18}) polygons\n", content)
     if match is None:
         return
-    if (int(match[1]), int(match[2])) != (n_points, n_faces) or not content.endswith(b"\n"):
+    if (int(match[1]), int(match[2])) != (n_points, n_faces):
         raise FileError(
             f"truncated: {match[1].decode()} points and {match[2].decode()} polygons are declared, "
             f"but {n_points} and {n_faces} were found"
@@ -196,7 +198,8 @@ def _write_off(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     sizes = np.diff(loops.offsets)
     forms = [f"{k} " + " ".join(["%d"] * k) + "\n" for k in range(int(sizes.max()) + 1)]
     with open(path, "w", encoding="utf-8") as stream:
-        stream.write(f"OFF\n{len(loops.points)} {len(sizes)} 0\n")
+        # The number of tags follows on the line of the counts, because some readers expect no comment line.
+        stream.write(f"OFF\n{len(loops.points)} {len(sizes)} 0 {tag_count(tags, _COMMENT)}".rstrip() + "\n")
         stream.write(real_lines(_flat(loops.points)))
         stream.write(integer_lines(loops.offsets, loops.vertices, forms))
         stream.write(tag_lines(tags, _COMMENT))
@@ -208,6 +211,7 @@ def _write_obj(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     forms = ["f " + " ".join(["%d"] * k) + "\n" for k in range(widest + 1)]
     with open(path, "w", encoding="utf-8") as stream:
         stream.write(f"# agglo: {len(loops.points)} points, {len(loops.offsets) - 1} polygons\n")
+        stream.write(tag_count(tags, _COMMENT))
         stream.write(real_lines(_flat(loops.points), "v "))
         stream.write(integer_lines(loops.offsets, frozen_int(loops.vertices + 1), forms))
         stream.write(tag_lines(tags, _COMMENT))

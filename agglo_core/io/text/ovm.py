@@ -15,9 +15,9 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.files.regular import text_bytes
+from agglo_core.files.regular import whole_text
 from agglo_core.files.text_numbers import integer_lines, integers, line_of, real_lines, reals
-from agglo_core.io.text.cell_lines import find_tags, tag_lines
+from agglo_core.io.text.cell_lines import find_tags, tag_count, tag_lines
 from agglo_core.io.text.counted_lists import locate_lists
 from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.to_mesh.plain_cells import used_points, write_levels
@@ -57,7 +57,7 @@ class Ovm(Reading):
         FileError, MeshError
             For a broken file or mesh, or a binary file.
         """
-        content = text_bytes(path)
+        content = whole_text(path)
         text = re.sub(rb"#[^\n]*", b"", content)
         points, edges, faces, cells = (_sections(text)[title] for title in _TITLES)
         count, rows = _numbers(text, points)
@@ -183,7 +183,8 @@ def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     cell = np.repeat(np.arange(mesh.n_cells), np.diff(offsets))
     sides = 2 * faces.astype(np.int64) + (mesh.face_cells[faces, 0] == cell)
     with open(path, "w", encoding="utf-8") as stream:
-        stream.write(f"OVM ASCII\nVertices\n{len(points)}\n{real_lines(points)}Edges\n{len(key)}\n")
+        stream.write(f"OVM ASCII\n{tag_count(tags, _COMMENT)}Vertices\n{len(points)}\n{real_lines(points)}")
+        stream.write(f"Edges\n{len(key)}\n")
         ends = np.stack((key // len(points), key % len(points)), axis=1)
         stream.write(integer_lines(frozen_int(2 * np.arange(len(key) + 1)), frozen_int(ends.ravel())))
         for title, starts, values in (("Faces", mesh.face_offsets, halves), ("Polyhedra", offsets, sides)):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, fits_in_index, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.files.regular import text_bytes
+from agglo_core.files.regular import check_last_line, text_bytes
 from agglo_core.files.text_numbers import integer_lines, real_lines, reals
 from agglo_core.io.tags import note_left_out
 from agglo_core.io.text.counted_lists import locate_lists, record_starts
@@ -211,6 +211,8 @@ class Ply(Reading):
         """
         content = text_bytes(path)
         header = _header(content)
+        if not header.order:
+            check_last_line(content)
         elements = read_elements(content, header.stop, header.order, header.elements)
         points, (rows, lists) = _points(elements), _faces(elements)
         tags = {

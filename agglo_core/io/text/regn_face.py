@@ -16,10 +16,10 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int, label_order
 from agglo_core.errors import FileError
-from agglo_core.files.regular import text_bytes
+from agglo_core.files.regular import whole_text
 from agglo_core.files.text_numbers import integer_lines, integers, real_lines, reals
 from agglo_core.io.tags import note_left_out
-from agglo_core.io.text.cell_lines import find_tags, tag_lines
+from agglo_core.io.text.cell_lines import find_tags, tag_count, tag_lines
 from agglo_core.io.text.counted_lists import locate_solids
 from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.to_mesh.plain_cells import solids_of, write_levels
@@ -99,7 +99,7 @@ class RegnFace(Reading):
 def _content(path: Path, suffix: str) -> bytes:
     file = path if path.suffix.lower() == suffix else path.with_suffix(suffix)
     try:
-        return text_bytes(file)
+        return whole_text(file)
     except FileError as error:
         raise FileError(f"its companion file {file.name}: {error}") from None
 
@@ -216,6 +216,6 @@ def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     lengths = np.insert(sizes + 2, solids.cell_offsets[:-1], 2)
     offsets = frozen_int(np.concatenate(([0], np.cumsum(lengths))))
     with open(path.with_suffix(".ele"), "w", encoding="utf-8") as file:
-        file.write(f"# cells as lists of faces (REGN_FACE)\n{len(counts)} 0\n")
+        file.write(f"# cells as lists of faces (REGN_FACE)\n{tag_count(tags, _COMMENT)}{len(counts)} 0\n")
         file.write(integer_lines(offsets, frozen_int(stream)))
         file.write(tag_lines(tags, _COMMENT))

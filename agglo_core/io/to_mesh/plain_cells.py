@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.tags import cell_data, check_names, is_level, note_varying_tags
+from agglo_core.io.tags import cell_data, check_names, is_level, note_face_tags, note_varying_tags
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra, gather
 
@@ -107,6 +107,8 @@ def write_levels(
     mesh: Mesh,
     hierarchy: Hierarchy | None,
     write: Callable[[Path, Mesh, Mapping[str, Int]], None],
+    *,
+    face_tags: Collection[str] = (),
 ) -> None:
     """Write a mesh with its tags and labels, and each coarse mesh to ``NAME_level0.SUFFIX``, ….
 
@@ -121,10 +123,13 @@ def write_levels(
     hierarchy : Hierarchy or None
     write : callable
         Function that writes a mesh with tags, and raises FileError for unsupported data.
+    face_tags : collection of str
+        Names of the face tags that it writes; others cause a warning.
     """
     tags = cell_data(mesh, hierarchy)
     check_names(tags)
     write(path, mesh, tags)
+    note_face_tags(mesh, path.suffix, face_tags)
     for level, labels in enumerate(hierarchy.levels if hierarchy is not None else ()):
         coarse = mesh.coarsen(labels)
         note_varying_tags(mesh, coarse, level)

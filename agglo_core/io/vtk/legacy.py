@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.files.regular import check_last_line
 from agglo_core.io.tags import tag_values
 from agglo_core.io.text.counted_lists import locate_lists
 from agglo_core.io.vtk.pieces import Stored, StoredArrays, check_counts, polydata_cells, soup_of_piece
@@ -54,6 +55,8 @@ def legacy_kind(path: Path) -> str:
 def read_legacy(path: Path) -> Stored:
     """Read the cells and the integer cell data in a legacy VTK file.
 
+    Files do not declare their arrays: one that is truncated between two arrays lacks the others.
+
     Raises
     ------
     FileError
@@ -84,12 +87,16 @@ class _Reader:
         if encoding not in (b"ASCII", b"BINARY"):
             raise FileError(f"line 3: expected ASCII or BINARY, found {encoding[:20]!r}")
         self.text = encoding == b"ASCII"
+        if self.text:
+            self._check_end()
         for line in iter(self.file.readline, b""):
             words = line.decode("utf-8", "replace").split()
             if words:
                 self._section(words)
         if self.points is None:
             raise FileError("it has no section POINTS")
+        if self.ours and not self.data:
+            raise FileError("truncated: no array follows CELL_DATA")
         # Assemble the cells and attach integer cell data as tags.
         arrays = polydata_cells(self.lists) if self.types is None else self._grid(self.types)
         n = len(arrays["types"])
@@ -103,6 +110,15 @@ class _Reader:
                 raise FileError(f"cell data {name!r} has {len(values)} values for {n} cells")
             tags[name] = tag_values(name, values.ravel())
         return Stored([soup_of_piece(arrays, self.points, n)._replace(tags=tags)], skipped_names)
+
+    def _check_end(self) -> None:
+        """Raise FileError if the last line of a text file is incomplete, and keep the position."""
+        place = self.file.tell()
+        self.file.seek(self.size - 1)
+        if self.file.read() not in (b"\n", b"\r"):
+            self.file.seek(0)
+            check_last_line(self.file.read())
+        self.file.seek(place)
 
     def _section(self, words: list[str]) -> None:
         title = words[0].upper()
@@ -134,7 +150,10 @@ class _Reader:
         if title == "SCALARS":
             width, kind = _count(words, 3) if len(words) > 3 else 1, _word(words, 2)
             place = self.file.tell()
-            if not self.file.readline().upper().startswith(b"LOOKUP_TABLE"):
+            line = self.file.readline()
+            if not line.endswith(b"\n"):
+                raise _short(self.count * width, kind)
+            if not line.upper().startswith(b"LOOKUP_TABLE"):
                 self.file.seek(place)
         elif title == "COLOR_SCALARS":
             width, kind = _count(words, 2), colour

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import os
+import re
 import subprocess
 import sys
+import zipfile
+from contextlib import suppress
 from pathlib import Path
 
 import fuzz.fuzz_files as fuzzer
@@ -14,9 +18,9 @@ from fuzz.bombs import bombs
 from fuzz.corpus import valid_files
 from fuzz.fuzz_files import FIELD, fuzz, judge
 from fuzz.memory import ALLOWED, Memory
-from fuzz.several import lay_out
+from fuzz.several import SEVERAL, lay_out
 
-from agglo_core import FileError, Mesh, PluginError, read, samples, write
+from agglo_core import AggloError, FileError, Mesh, PluginError, read, read_hierarchy, samples, write
 from agglo_core.arrays import trusted
 
 SHARE = {
@@ -139,6 +143,68 @@ def test_what_is_damaged_was_whole(suffix: str, tmp_path: Path) -> None:
             "refused" if suffix == ".problem.toml" and b'"A.mtx"' in content else "read"
         )  # that matrix is not there
         assert judge(file, command=False).kind == kind
+
+
+def _unnoticed(suffix: str, content: bytes, stop: int) -> bool:
+    """Return True at places where a format does not declare what follows (their docstrings say so)."""
+    rest = content[stop:]
+    match suffix:
+        case ".typ1":
+            return rest[:1].isalpha()
+        case ".typ2" | ".hedra":
+            return rest.startswith(b"cell data: ")
+        case ".obj":
+            return content[stop - 1 : stop] == b"\n" and not content.startswith(b"# agglo")
+        case ".mat":
+            return rest[:4] in (b"\x0e\0\0\0", b"\x0f\0\0\0") and b"agglo_names" not in content
+        case ".msh":
+            return rest.lstrip(b"\n").startswith(b"$ElementData") and b"$Comments" not in content
+        case ".vtk":
+            return re.match(rb"\n?[A-Z_]{5}", rest) is not None
+    return False
+
+
+def _state(file: Path) -> tuple[object, ...]:
+    """Return what a reader makes of a file: mesh, tags and levels."""
+    mesh, hierarchy = read_hierarchy(file)
+    tags = ({name: tag.tolist() for name, tag in part.items()} for part in (mesh.cell_tags, mesh.face_tags))
+    return mesh.fingerprint, *tags, [level.tolist() for level in hierarchy.levels] if hierarchy else None
+
+
+def _check_cuts(suffix: str, step: int, folder: Path) -> None:
+    """Cut every file after each ``step``-th byte and after each line of its last kilobyte, and elsewhere."""
+    file = folder / f"m{suffix}"
+    for i, content in enumerate(valid_files(suffix)):
+        if (suffix == ".msh" and content[:1] != b"$") or b"DATASET STRUCTURED" in content:
+            continue  # read by meshlane
+        lay_out(file, content)
+        whole = _state(file)
+        members = {file.name: content}
+        if suffix in SEVERAL:
+            with zipfile.ZipFile(io.BytesIO(content)) as archive:
+                members = {name: archive.read(name) for name in archive.namelist()}
+        for name, data in members.items():
+            n, ends = len(data), np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n")) + 1
+            last = max(n - 1024, 0)
+            stops = {*range(last + i % step, n, step), *ends[ends >= last].tolist()}
+            stops |= set(np.linspace(0, last, 4 + 36 // step, dtype=int).tolist())
+            head = 120 if suffix in (".msh", ".vtk") else 0  # meshlane reads what is not recognised
+            for stop in sorted(each for each in stops if head <= each < n):
+                (folder / name).write_bytes(data[:stop])
+                with suppress(AggloError):
+                    assert _state(file) == whole or _unnoticed(suffix, data, stop), (i, name, n - stop)
+            (folder / name).write_bytes(data)
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".npz", ".msh", *FIELD])
+def test_a_truncated_file_is_refused_or_whole(suffix: str, tmp_path: Path) -> None:
+    _check_cuts(suffix, 31, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", [".vtu", ".npz", ".msh", *FIELD])
+def test_a_file_truncated_at_any_byte_is_refused_or_whole(suffix: str, tmp_path: Path) -> None:
+    _check_cuts(suffix, 1, tmp_path)
 
 
 def test_the_fuzzer_sees_faults(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -247,6 +247,30 @@ def test_cases_are_written_and_read_back(tmp_path: Path, compress: bool) -> None
     assert (inner[:, 0] < inner[:, 1]).all()
 
 
+def test_tags_of_faces_that_are_in_no_patch_are_reported(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A face is in the patch of its first tag; negative values other than −1 are values as others."""
+    mesh = samples.boxes(2)
+    outer = mesh.face_cells[:, 1] < 0
+    bc = np.where(outer, -5, -1)
+    bc[np.flatnonzero(outer)[:3]] = 7
+    bc[np.flatnonzero(outer)[3:5]] = -1
+    wall = np.zeros(mesh.n_faces, int)
+    wall[np.flatnonzero(outer)[:5]] = 1
+    tags = {"bc": bc, "wall": wall, "crack": np.where(outer, 0, 1)}
+    write(tmp_path / "m.foam", replace(mesh, face_tags=tags))
+    assert "'wall': 2 of 5 faces written; OpenFOAM holds outer faces, each in one patch" in caplog.text
+    assert "'crack': 0 of 12 faces written" in caplog.text
+    assert "'bc'" not in caplog.text
+    back = read(tmp_path / "m.foam")
+    counts = {name: int((tag == 1).sum()) for name, tag in back.face_tags.items() if name != "patch"}
+    assert counts == {"bc_-5": 19, "bc_7": 3, "wall": 2}
+    caplog.clear()
+    write(tmp_path / "n.foam", back)
+    assert "faces written" not in caplog.text
+
+
 def test_an_earlier_mesh_leaves_nothing(tmp_path: Path) -> None:
     mesh = replace(samples.boxes(2), cell_tags={"mat": np.arange(8)})
     write(tmp_path / "m.foam", mesh, compress=True)

@@ -118,6 +118,9 @@ def test_what_cannot_be_held_is_refused(tmp_path: Path, caplog: pytest.LogCaptur
         write(tmp_path / "m.typ2", samples.boxes(2))
     with pytest.raises(FileError, match=r"m.typ1: a \.typ1 file can be read but not written"):
         write(tmp_path / "m.typ1", samples.squares(2))
+    write(tmp_path / "faces.typ2", samples.squares(2).with_face_tags(inlet=lambda x: x[:, 0] == 0))
+    assert "face tags left out, which .typ2 cannot hold: inlet" in caplog.text
+    (tmp_path / "faces.typ2").unlink()
     mesh = samples.squares(3)
     around = [0 if i != 4 else 1 for i in range(9)]
     with pytest.raises(FileError, match=r"cell 0 has several boundary loops \(a hole\)"):
@@ -133,6 +136,12 @@ def test_broken_tags_are_refused(tmp_path: Path) -> None:
     text = TYP2 + 'cell data "mat"\n2\n7 8\n'
     assert read(put(tmp_path, text)).cell_tags["mat"].tolist() == [7, 8]
     for old, new, says in (
+        (
+            'cell data "',
+            'cell data: 2\ncell data "',
+            "line 16: 2 cell data are declared, but 1 found: truncated",
+        ),
+        ("7 8\n", "7", "m.typ2: line 15: the last line has no line break"),
         ("7 8", "7", "'mat' has 1 values for 2 cells"),
         ("\n2\n7 8", "\n3\n7 8 9", "'mat' has 3 values"),
         ('"mat"', '"mat', "line 13: expected a quoted name"),

@@ -47,7 +47,7 @@ def put(folder: Path, text: str) -> Path:
     [
         TETRA,
         TETRA.lower().replace("ovm ascii", "OVM ASCII"),
-        TETRA.replace("Edges", "# edges\nEdges") + "Mesh_Property x",
+        TETRA.replace("Edges", "# edges\nEdges") + "Mesh_Property x\n",
     ],
 )
 def test_a_tetrahedron(tmp_path: Path, text: str) -> None:
