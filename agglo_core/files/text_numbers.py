@@ -5,6 +5,7 @@ Errors name the line and the invalid word.
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Sequence
 from typing import Any
@@ -38,9 +39,18 @@ def integers(content: bytes, start: int = 0, stop: int | None = None) -> Int:
     Raises FileError as :func:`reals`.
     """
     values = _parse_range(content, start, stop, np.int64)
-    if values.size and (values.max() == _LARGEST or values.min() == -_LARGEST - 1):  # saturation
-        raise FileError("it holds a number too large for an int64")
+    if values.size and (values.max() == _LARGEST or values.min() == -_LARGEST - 1):  # saturated, or equal
+        _check_largest(content, start, len(content) if stop is None else stop)
     return frozen_int(values)
+
+
+def _check_largest(content: bytes, start: int, stop: int) -> None:
+    """Raise FileError for a number beyond int64, with its line."""
+    for match in re.finditer(rb"[-+]?\d{19,}", content[start:stop]):
+        digits = match[0].lstrip(b"+-0")
+        if len(digits) > 19 or not -_LARGEST - 1 <= int(match[0]) <= _LARGEST:
+            line = line_of(content, start + match.start())
+            raise FileError(f"line {line}: it holds a number too large for an int64")
 
 
 def number_rows(content: bytes, start: int, width: int, dtype: type = np.float64) -> NDArray[Any]:

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 BRIDGES = "agglo_loops"
 """Internal cell data in agglo's VTU files: number of boundary loops per cell, if some cells have several."""
 
+GHOSTS = "vtkGhostType"
+"""Cell data in VTK's files that mark copies of cells in other pieces."""
+
 _log = logging.getLogger("agglo")
 _LEVEL = re.compile(r"level_\d+", re.ASCII)
 _NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -54,8 +57,9 @@ def check_names(names: Iterable[str], what: str = "cell") -> None:
     for name in names:
         if not name:
             raise MeshError(f"a {what} tag has an empty name; only .npz can hold it")
-        if name == BRIDGES:
-            raise MeshError(f"the name of {what} tag {name!r} is reserved for marking cells with holes")
+        if name in (BRIDGES, GHOSTS):
+            use = "cells with holes" if name == BRIDGES else "copies of other cells, which readers drop"
+            raise MeshError(f"the name of {what} tag {name!r} is reserved for marking {use}")
         if _NO_XML.search(name):
             raise MeshError(f"the name of {what} tag {name!r} has control characters; only .npz can hold it")
 

@@ -20,6 +20,7 @@ _DOUBLE, _BYTES, _LONG = 6, 9, 14
 _HEAD = 6  # rows of eight bytes before the data of a matrix without a name: its tag, flags, dimensions, name
 _LARGEST = (1 << 31) - 1  # bytes, MATLAB's limit for a variable
 _LEVEL = 1  # zlib level: higher levels take twice the time and save a few per cent
+_EXACT = 1 << 53  # integers of at least this size are not all exact as doubles
 
 
 def write_variables(path: Path, variables: Iterable[bytes], *, compress: bool) -> None:
@@ -58,7 +59,7 @@ def numbers(name: str, values: ArrayLike) -> bytes:
         sort, stored = _BYTES, array
     elif fits_in_index(array):
         stored = array.astype("<i4")
-    elif array.dtype == np.int64 and (stored.astype(np.int64) != array).any():
+    elif array.dtype == np.int64 and ((array >= _EXACT) | (array <= -_EXACT)).any():
         sort, stored = _LONG, array.astype("<i8")
     kind = {"|u1": 2, "<i4": 5, "<i8": 12}.get(stored.dtype.str, 9)
     return _matrix(name, sort, array.shape, _element(kind, stored.tobytes("F")))

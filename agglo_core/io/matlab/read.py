@@ -72,7 +72,10 @@ def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: 
     else:
         fields, cells = {}, _lists(contents)
     tags, skipped_names = _tags(contents, cells.number, fields)
-    tags = {**cells.tags, **tags}
+    given = cells.tags
+    if NAMES in contents and "id" not in tags:  # written by agglo, with the id 1 for a mesh without ids
+        given = {name: values for name, values in given.items() if (values != 1).any()}
+    tags = {**given, **tags}
     if cells.solid is not None:
         mesh = Mesh.from_polyhedra(
             cells.points,

@@ -80,7 +80,9 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
         poly = {**_poly(mesh, faces), **_zones(tags)}
     kinds = present.kinds if present is not None else dict.fromkeys(faces.patches, "patch")
     levels = [f"level_{i}" for i in range(len(hierarchy.levels) if hierarchy is not None else 0)]
-    tag_files = {quote(name, safe=""): _labels(values, OWN) for name, values in tags.items()}
+    # File names without dots: neither hidden nor with the suffix of compressed files.
+    files = {name: quote(name, safe="").replace(".", "%2E") for name in tags}
+    tag_files = {files[name]: _labels(values, OWN) for name, values in tags.items()}
     fields = {f"level{i}": _field(f"level{i}", tags[name], kinds) for i, name in enumerate(levels)}
     split = {"cellDecomposition": _labels(tags[levels[0]], "constant")} if levels else {}
     groups = [(poly_mesh, poly), (case / "constant" / OWN, tag_files)]

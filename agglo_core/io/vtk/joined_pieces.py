@@ -8,6 +8,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.io.tags import GHOSTS
 from agglo_core.io.to_mesh.listed_faces import join_listed_faces
 from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.mesh.elements import concatenate, gather, take_cells
@@ -19,7 +20,7 @@ _SOLID = 42
 def drop_ghosts(soup: Soup) -> tuple[Soup, int]:
     """Remove the ghost cells of a piece (copies of cells in other pieces), and count them."""
     tags = dict(soup.tags)
-    ghost = tags.pop("vtkGhostType", frozen_int(np.zeros(len(soup.types)))) & _GHOST != 0
+    ghost = tags.pop(GHOSTS, frozen_int(np.zeros(len(soup.types)))) & _GHOST != 0
     soup = soup._replace(tags=tags)
     return (_pick_cells(soup, frozen_int(np.flatnonzero(~ghost))) if ghost.any() else soup), int(ghost.sum())
 

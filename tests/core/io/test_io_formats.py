@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -655,3 +656,31 @@ def test_what_is_recognised_and_broken_is_refused_with_both_reasons(tmp_path: Pa
     (tmp_path / "m.dat2").write_text("OFF\n3 1 0\n0 0 0\n")
     with pytest.raises(FileError, match=r"m\.dat2: 3 points are declared, but 3 coordinates follow"):
         read(tmp_path / "m.dat2")
+
+
+_EXTREME = (2**53 - 1, 2**53, -(2**53) - 1, 2**62, 2**63 - 1, -(2**63), 2**31, -(2**31) - 1)
+
+
+@pytest.mark.parametrize(
+    "suffix", [".vtu", ".npz", ".typ2", ".mat", ".off", ".obj", ".hedra", ".ele", ".ovm", ".foam"]
+)
+def test_extreme_values_strange_names_and_far_points_come_back(suffix: str, tmp_path: Path) -> None:
+    mesh = boxes(2) if suffix in (".hedra", ".ele", ".ovm", ".foam") else squares(3)
+    rng = np.random.default_rng(0)
+    names = ["b/a", "a b", "a_b", "ä€𝄞", "x" * 60, "-1", "# cell data: 5", "cell data", "id", "level_x", "."]
+    tags = {name: rng.choice(_EXTREME, mesh.n_cells) for name in names}
+    for scale, shift in ((1e-6, 1.0), (1e8, -1e6), (1e-8, 0.0)):
+        far = replace(mesh, points=mesh.points * scale + shift, cell_tags=tags)
+        write(tmp_path / f"m{suffix}", far)
+        back = read(tmp_path / f"m{suffix}")
+        assert {name: tag.tolist() for name, tag in back.cell_tags.items()} == {
+            name: tag.tolist() for name, tag in tags.items()
+        }
+        assert np.array_equal(np.unique(back.points, axis=0), np.unique(far.points, axis=0))
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".typ2"])
+def test_a_tag_that_hides_cells_is_refused(suffix: str, tmp_path: Path) -> None:
+    mesh = squares(2).with_tags(vtkGhostType=[0, 1, 0, 0])
+    with pytest.raises(MeshError, match="'vtkGhostType' is reserved for marking copies of other cells"):
+        write(tmp_path / f"m{suffix}", mesh)

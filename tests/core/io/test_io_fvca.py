@@ -74,7 +74,7 @@ def test_every_kind_of_typ1_is_read(tmp_path: Path) -> None:
         ("4 2 5 6 3", "0 2 5 6 3", r"line 9: cell 1 \(of 2, counted from 0\) is longer .*, or empty"),
         ("4 2 5 6 3", "4 2 5 6 3 9", "line 9: 2 cells take 10 numbers, but 11 follow"),
         ("4 2 5 6 3", "4 2 5 7 3", "line 9: cell 1 of 'cells' uses point 7, expected 1 to 6"),
-        ("4 2 5 6 3", "4 2 5 99999999999999999999 3", "too large for an int64"),
+        ("4 2 5 6 3", "4 2 5 99999999999999999999 3", "line 12: it holds a number too large for an int64"),
         ("cells\n2\n", "cells\n123456789012345\n", r"cell 2 \(of 123456789012345"),
         ("cells", "centers", "no section of cells.*found 'vertices', 'centers'"),
     ],

@@ -165,7 +165,7 @@ def test_what_is_written_scipy_reads(tmp_path: Path, compress: bool) -> None:
     np.testing.assert_allclose(region["area"], mesh.cell_measures)
     assert set(region["bc_tag"].tolist()) == {3}
     back, levels = read_hierarchy(tmp_path / "m.mat")
-    assert {name: tag.tolist() for name, tag in back.cell_tags.items() if name != "id"} == {
+    assert {name: tag.tolist() for name, tag in back.cell_tags.items()} == {
         name: tag.tolist() for name, tag in tags.items()
     }
     assert levels is not None
