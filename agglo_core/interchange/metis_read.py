@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.files.regular import text_bytes
-from agglo_core.files.text_numbers import integers, line_of, reals
+from agglo_core.files.regular import whole_text
+from agglo_core.files.text_numbers import integers, line_of, number_rows, reals
 from agglo_core.graph import Graph
 from agglo_core.io.file_checks import name_in_errors
 from agglo_core.mesh.elements import gather
@@ -67,7 +68,7 @@ def graph_from_metis(path: str | Path, coordinates: ArrayLike | str | Path) -> G
     """
     file = Path(path)
     with name_in_errors(file):
-        numbers, words = _numbers(text_bytes(file))
+        numbers, words = _numbers(whole_text(file))
         head = _head(numbers[: words[0]] if len(words) else numbers)
         rows = _rows(head, numbers[words[0] :], _vertex_lines(words[1:], head.vertices))
     places = _coordinates(coordinates, head.vertices)
@@ -147,7 +148,7 @@ def _coordinates(source: ArrayLike | str | Path, n: int) -> ArrayLike:
         return source
     file = Path(source)
     with name_in_errors(file):
-        return places_of(reals(text_bytes(file)), n)
+        return places_of(reals(whole_text(file)), n)
 
 
 def places_of(numbers: Float, n: int) -> Float:
@@ -167,9 +168,14 @@ def places_of(numbers: Float, n: int) -> Float:
 
 
 def parts_from_metis(path: str | Path) -> Int:
-    """Read a partition from a ``.part.K`` file, one part number per vertex.
+    """Read a partition from a ``.part.K`` file, one part number per line and vertex.
 
-    Raises FileError.
+    The file does not declare its length: compare the number of labels with the number of vertices.
+
+    Raises
+    ------
+    FileError
+        With the file name and the line, if a line does not hold one integer of at least 0.
 
     Examples
     --------
@@ -180,10 +186,11 @@ def parts_from_metis(path: str | Path) -> Int:
     """
     file = Path(path)
     with name_in_errors(file):
-        content = text_bytes(file)
-        labels = integers(content)
+        content = whole_text(file)
+        labels = frozen_int(number_rows(content, 0, 1, np.int64).ravel())
         if labels.min(initial=0) < 0:
-            place = int(np.argmin(labels))
-            line = line_of(content, 0) + place
+            place = int(np.argmax(labels < 0))
+            sign = re.search(rb"-0*[1-9]", content)
+            line = line_of(content, sign.start() if sign is not None else 0)
             raise FileError(f"line {line}: vertex {place} is in part {labels[place]}, expected 0 or more")
     return labels

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.files.regular import text_bytes
+from agglo_core.files.regular import text_bytes, whole_text
 from agglo_core.files.text_numbers import integers, reals
 from agglo_core.graph import Graph
 from agglo_core.interchange.metis_read import places_of
@@ -125,7 +125,7 @@ def _places(source: ArrayLike | str | Path, n: int, base: int) -> ArrayLike:
         return source
     file = Path(source)
     with name_in_errors(file):
-        numbers = reals(text_bytes(file))
+        numbers = reals(whole_text(file))
         dim = int(numbers[0]) if len(numbers) and numbers[0] in (2, 3) else 0
         rows = numbers[2:].reshape(-1, dim + 1) if dim and len(numbers) == 2 + n * (dim + 1) else None
         if rows is None or numbers[1] != n:
@@ -162,7 +162,7 @@ def parts_from_scotch(path: str | Path, *, base: int = 0) -> Int:
     """
     file = Path(path)
     with name_in_errors(file):
-        numbers = integers(text_bytes(file))
+        numbers = integers(whole_text(file))
         if not len(numbers) or len(numbers) != 1 + 2 * int(numbers[0]):
             raise FileError(
                 f"{max(len(numbers) - 1, 0)} numbers follow the number of vertices, expected two per vertex"

@@ -72,8 +72,8 @@ MAY_IMPORT = {
     | {"agglomeration", "compiled", "constraints", "graph", "hierarchy", "io", "measure", "mesh"}
     | {"problems", "protocols", "registry", "shapes"},
     "cli": EVERYBODY
-    | {"agglomeration", "compiled", "conformance", "distributed", "draw", "hierarchy", "io", "measure"}
-    | {"mesh", "problems", "protocols", "registry", "samples", "solvers"},
+    | {"agglomeration", "compiled", "conformance", "distributed", "draw", "hierarchy", "interchange", "io"}
+    | {"measure", "mesh", "problems", "protocols", "registry", "samples", "solvers"},
 }
 """The folders and loose modules of the core, and those that each may import."""
 

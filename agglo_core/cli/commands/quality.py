@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,30 +19,43 @@ from agglo_core.cli.runs import describe_undefined, level_data, show_progress, s
 from agglo_core.progress import phase
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.measure import Level
     from agglo_core.mesh import Mesh
     from agglo_core.progress import Listener
 
 
+_log = logging.getLogger("agglo")
 _SPARE = ("connected", "max_diameter", "isoperimetric", "min_cells", "max_cells")
 """Columns that a narrow terminal leaves out, in this order."""
 
 
 @click.command(cls=OwnCommand, short_help="Measure the agglomerates in a file.")
 @click.argument("file", type=FILE)
+@click.option(
+    "--labels",
+    "label_files",
+    type=FILE,
+    multiple=True,
+    help="Text with one part number per line and cell, such as METIS's .part.K; repeatable, finest first.",
+)
 @metrics_option
 @threads_option
 @click.option("--plot", type=FILE, help="Picture of the mesh and its levels (.png, .pdf, .svg).")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON with --json).")
-def quality(file: Path, metrics: list[Any] | None, plot: Path | None, as_json: bool, quiet: bool) -> int:
+def quality(
+    file: Path,
+    label_files: Sequence[Path],
+    metrics: list[Any] | None,
+    plot: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> int:
     """Print the means of UF, CR, CRc, J and isoperimetric, or of other metrics, for every level in FILE.
 
-    Levels come from a hierarchy (.npz) or from the cell data level_0, level_1, … In a file without levels,
-    the cells themselves are measured.
+    Levels come from --labels, from a hierarchy (.npz) or from the cell data level_0, level_1, … In a file
+    without levels, the cells themselves are measured.
     """
     if quiet:
         quieten()
@@ -52,7 +67,9 @@ def quality(file: Path, metrics: list[Any] | None, plot: Path | None, as_json: b
     with show_progress(quiet) as progress:
         with phase(progress, "reading", file.name):
             mesh, stored = read_hierarchy(file)
+            stored = _read_labels(mesh, label_files) if label_files else stored
         names, hierarchy = _levels(mesh, stored)
+        names = [each.name for each in label_files] or names
         levels = measure_levels(mesh, hierarchy, metrics=metrics, progress=progress)
     rows = [{"level": name} | level_data(level) for name, level in zip(names, levels, strict=True)]
     for row in rows:
@@ -73,6 +90,33 @@ def quality(file: Path, metrics: list[Any] | None, plot: Path | None, as_json: b
         with show_progress(quiet) as progress:
             _draw(outputs, plot, mesh, stored, levels, progress)
     return outputs.finish(listed=not (as_json or quiet))
+
+
+def _read_labels(mesh: Mesh, files: Sequence[Path]) -> Hierarchy | None:
+    """Return the hierarchy of the labels in text files, without part numbers that no cell has.
+
+    Raises
+    ------
+    FileError
+        With the file, for other texts, negative numbers, or another number of labels than cells.
+    """
+    import numpy as np
+
+    from agglo_core.arrays import frozen_int, trusted_copy
+    from agglo_core.errors import FileError
+    from agglo_core.interchange import parts_from_metis
+    from agglo_core.io.levels import split_levels
+
+    tags = {}
+    for i, file in enumerate(files):
+        labels = parts_from_metis(file)
+        if len(labels) != mesh.n_cells:
+            raise FileError(f"{file}: {len(labels)} labels, expected one for each of {mesh.n_cells} cells")
+        parts, numbers = np.unique(labels, return_inverse=True)
+        tags[f"level_{i}"] = frozen_int(numbers)
+        if parts[-1] >= len(parts):
+            _log.info("%s: %d of the parts 0 to %d have cells", file, len(parts), parts[-1])
+    return split_levels(trusted_copy(mesh, cell_tags=tags))[1]
 
 
 def _draw(

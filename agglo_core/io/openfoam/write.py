@@ -81,8 +81,8 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
     kinds = present.kinds if present is not None else dict.fromkeys(faces.patches, "patch")
     levels = [f"level_{i}" for i in range(len(hierarchy.levels) if hierarchy is not None else 0)]
     # File names without dots: neither hidden nor with the suffix of compressed files.
-    files = {name: quote(name, safe="").replace(".", "%2E") for name in tags}
-    tag_files = {files[name]: _labels(values, OWN) for name, values in tags.items()}
+    file_names = {name: quote(name, safe="").replace(".", "%2E") for name in tags}
+    tag_files = {file_names[name]: _labels(values, OWN) for name, values in tags.items()}
     fields = {f"level{i}": _field(f"level{i}", tags[name], kinds) for i, name in enumerate(levels)}
     split = {"cellDecomposition": _labels(tags[levels[0]], "constant")} if levels else {}
     groups = [(poly_mesh, poly), (case / "constant" / OWN, tag_files)]

@@ -233,6 +233,41 @@ def test_cells_of_a_plain_mesh_are_measured(agglo: Agglo) -> None:
     assert "cells" in agglo("quality", "in.vtu").out
 
 
+def test_labels_in_texts_are_measured(agglo: Agglo) -> None:
+    agglo("mesh", "squares:n=4", "-o", "in.vtu")
+    Path("fine.part.8").write_text("".join(f"{i // 2}\n" for i in range(16)))
+    Path("coarse.txt").write_text("3\n" * 8 + "\n" + "5\r\n" * 8)  # two parts; the others have no cells
+    both = ["--labels", "fine.part.8", "--labels", "coarse.txt"]
+    _, out, err = agglo("quality", "in.vtu", *both, "--json")
+    levels = json.loads(out)["levels"]
+    assert [(level["level"], level["parts"], level["max_cells"]) for level in levels] == [
+        ("fine.part.8", 8, 2),
+        ("coarse.txt", 2, 8),
+    ]
+    assert levels[0]["CR"] == pytest.approx(0.2**0.5)
+    assert "note: coarse.txt: 2 of the parts 0 to 5 have cells" in err
+    assert "coarse.txt" in agglo("quality", "in.vtu", *both).out
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("0\n" * 15, "15 labels, expected one for each of 16 cells"),
+        ("0\n" * 9 + "0.5\n" + "0\n" * 6, "line 10: expected a whole number, found '0.5'"),
+        ("0\n" * 9 + "-1\n" + "0\n" * 6, "line 10: vertex 9 is in part -1, expected 0 or more"),
+        ("0 1\n" * 8, "line 1: expected 1 numbers, found 2"),
+        ("0\n" * 15 + "1", "line 16: the last line has no line break"),
+        ("", "0 labels, expected one for each of 16 cells"),
+    ],
+)
+def test_texts_that_are_no_labels_are_refused(agglo: Agglo, text: str, says: str) -> None:
+    agglo("mesh", "squares:n=4", "-o", "in.vtu")
+    Path("in.txt").write_text(text)
+    code, _, err = agglo("quality", "in.vtu", "--labels", "in.txt")
+    assert code == 2
+    assert f"in.txt: {says}" in " ".join(err.split())
+
+
 def test_a_component_that_lacks_a_package_says_so_once(agglo: Agglo) -> None:
     needy = Component("bisector", "needy", "nowhere:Needy", requires=("no_such_thing",))
     default_registry().register(SimpleNamespace(agglo_components=hookimpl(lambda: [needy])), "mine")

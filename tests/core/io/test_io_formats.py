@@ -658,16 +658,29 @@ def test_what_is_recognised_and_broken_is_refused_with_both_reasons(tmp_path: Pa
         read(tmp_path / "m.dat2")
 
 
+_PLANE, _SOLID = (".vtu", ".npz", ".typ2", ".mat", ".off", ".obj"), (".hedra", ".ele", ".ovm", ".foam")
 _EXTREME = (2**53 - 1, 2**53, -(2**53) - 1, 2**62, 2**63 - 1, -(2**63), 2**31, -(2**31) - 1)
 
 
-@pytest.mark.parametrize(
-    "suffix", [".vtu", ".npz", ".typ2", ".mat", ".off", ".obj", ".hedra", ".ele", ".ovm", ".foam"]
-)
+@pytest.mark.parametrize("suffix", [*_PLANE, *_SOLID])
 def test_extreme_values_strange_names_and_far_points_come_back(suffix: str, tmp_path: Path) -> None:
-    mesh = boxes(2) if suffix in (".hedra", ".ele", ".ovm", ".foam") else squares(3)
+    mesh = boxes(2) if suffix in _SOLID else squares(3)
     rng = np.random.default_rng(0)
-    names = ["b/a", "a b", "a_b", "ä€𝄞", "x" * 60, "-1", "# cell data: 5", "cell data", "id", "level_x", "."]
+    names = [
+        "b/a",
+        "a b",
+        "a_b",
+        "ä€𝄞",
+        "x" * 60,
+        "-1",
+        "# cell data: 5",
+        "cell data",
+        "id",
+        "level_x",
+        ".",
+        ".a",
+        "a.gz",
+    ]
     tags = {name: rng.choice(_EXTREME, mesh.n_cells) for name in names}
     for scale, shift in ((1e-6, 1.0), (1e8, -1e6), (1e-8, 0.0)):
         far = replace(mesh, points=mesh.points * scale + shift, cell_tags=tags)
