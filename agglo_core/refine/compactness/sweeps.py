@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
+from agglo_core.compiled.prefetching import prefetch
 from agglo_core.compiled.ring_search import CROWD, REACH, are_connected
 from agglo_core.refine.compactness.reach import fits, take_in
 from agglo_core.refine.compactness.state import (
@@ -29,14 +30,10 @@ from agglo_core.refine.compactness.state import (
 
 _TIE = 1e-9  # relative to the terms of a change, for rounding; ties go to the lower part number
 
-_CACHED = 40_000
-"""Number of cells up to which all data stay in the cache, so that prefetching would only cost time
-(benchmarks/partition.py)."""
+_STEPS = (24, 16, 8, 4)
+"""Number of visits from each step of the prefetching to the visit (benchmarks/partition.py).
 
-_AHEAD = np.int64(64)
-"""Number of cells prefetched at a time, so that their memory latencies overlap (benchmarks/partition.py).
-
-With more cells, the first may leave the cache before they are used.
+With more visits, the data may leave the cache before they are used, with fewer, they may arrive too late.
 """
 
 
@@ -191,27 +188,45 @@ def _may_leave(cells, state, i, target, work, stamp, reach, limit, corners):
     if state.tally[target, ROOM] + cells.measures[i] > state.tally[target, CEILING]:
         return False
     # 2. Width of the new part, then connectivity of the old part.
-    if not fits(i, target, state.parts, reach, limit, corners):
+    if limit < np.inf and not fits(i, target, state.parts, reach, limit, corners):
         return False
     return _leaves_whole(cells, state, i, target, work, stamp)
 
 
 @helper
-def _read_ahead(cells, state, work, first, last):
-    """Prefetch the data for the cells listed from ``first`` to ``last`` into the cache, all at once.
+def _read_ahead(cells, state, work, c, last):
+    """Prefetch data of the cells to be visited after the one at place c, up to the place ``last``.
 
-    Consecutive parts are far apart in memory. Reading cell by cell would wait for each cache line.
+    Each step reads what the step before has fetched, some visits later. So memory latencies overlap.
     """
-    read = np.int64(0)
-    for c in range(first, last):
-        i = np.uint64(np.uint32(state.listed[c]))
-        begin, end = np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE]) - ONE
-        p = np.uint32(state.parts[np.uint32(cells.indices[begin])])
-        q = np.uint32(state.parts[np.uint32(cells.indices[end])])
-        read += np.int64(cells.interface[begin] > cells.interface[end])
-        read += np.int64(state.tally[p, MASS] > state.tally[q, MASS])
-        read += np.int64(cells.centroids[i, 0] > cells.weights[i]) + state.due[i]
-    work.root[0] = read  # a use of the values, otherwise the compiler drops the reads
+    # 1. Cell data.
+    i = np.uint64(np.uint32(state.listed[min(c + _STEPS[0], last)]))
+    prefetch(cells.indptr, i)
+    prefetch(cells.centroids, i)
+    prefetch(cells.weights, i)
+    prefetch(cells.measures, i)
+    prefetch(state.parts, i)
+    prefetch(state.due, i)
+    # 2. Neighbours.
+    i = np.uint64(np.uint32(state.listed[min(c + _STEPS[1], last)]))
+    begin, end = np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE]) - ONE
+    prefetch(cells.indices, begin)
+    prefetch(cells.indices, end)
+    prefetch(cells.interface, begin)
+    prefetch(cells.interface, end)
+    # 3. Parts of the first and the last neighbour: most others are in the same cache lines.
+    i = np.uint64(np.uint32(state.listed[min(c + _STEPS[2], last)]))
+    begin, end = np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE]) - ONE
+    prefetch(state.parts, np.uint32(cells.indices[begin]))
+    prefetch(state.parts, np.uint32(cells.indices[end]))
+    # 4. Sums of these parts.
+    i = np.uint64(np.uint32(state.listed[min(c + _STEPS[3], last)]))
+    begin, end = np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE]) - ONE
+    p, q = state.parts[np.uint32(cells.indices[begin])], state.parts[np.uint32(cells.indices[end])]
+    prefetch(state.tally, np.uint32(p))
+    prefetch(state.tally, np.uint32(q))
+    prefetch(work.share, np.uint32(p))
+    prefetch(work.share, np.uint32(q))
 
 
 @helper
@@ -222,8 +237,7 @@ def _visit_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, 
     the start of the sweep. The changes in inertia and interface are added to the slice gains. Within a part,
     cells are visited by position, so their numbering does not matter.
     """
-    n = np.int64(len(state.parts))
-    stamp, moved, prefetch_end = (sweep % SWEEPS) * (n + 1), np.int64(0), np.int64(0)
+    stamp, moved = (sweep % SWEEPS) * (np.int64(len(state.parts)) + 1), np.int64(0)
     listed = state.first[slices.rows[stop - 1, 1]]
     for s in range(start, stop):
         lo, hi, b = slices.rows[s, 0], slices.rows[s, 1], slices.rows[s, 4]
@@ -233,17 +247,13 @@ def _visit_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, 
         # 1. d(J · L^α) is proportional to dJ + price dL, with the block's price α J / L.
         price = alpha * (state.blocks[b, 0] / state.blocks[b, 1])
         for r in range(lo, hi):
-            # 2. Due cells of a part. On large meshes, data for the next cells in the list are prefetched
-            #    first, whatever their part.
+            # 2. Due cells of a part.
             first, last = state.first[r], state.first[r + 1]
-            if n > _CACHED and last + _AHEAD > prefetch_end:
-                prefetch_end = max(prefetch_end, last)
-                _read_ahead(cells, state, work, prefetch_end, min(prefetch_end + _AHEAD, listed))
-                prefetch_end += _AHEAD
             if first == last:
                 continue
             _sort_listed(cells, state, work, b, first, last)
             for c in range(first, last):
+                _read_ahead(cells, state, work, c, listed - 1)
                 i = np.uint64(np.uint32(state.listed[c]))
                 home = np.uint32(state.parts[i])
                 # 3. Find the best move. A cell adjacent to parts beyond the slice is due again in the next
@@ -258,7 +268,8 @@ def _visit_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, 
                 if not _may_leave(cells, state, i, to, work, stamp, reach, limit, corners):
                     continue
                 _put(cells, state, i, home, to)
-                take_in(i, home, to, reach, limit, corners)
+                if limit < np.inf:
+                    take_in(i, home, to, reach, limit, corners)
                 slices.gains[s, 0] += inertia
                 slices.gains[s, 1] += cut
                 moved += 1
@@ -267,8 +278,9 @@ def _visit_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, 
                 for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
                     j = np.uint32(cells.indices[h])
                     p = state.parts[j]
-                    if begin <= p < end and not (lo <= p < hi and state.due[j] == sweep):
-                        state.due[j] = sweep + 1
+                    if begin <= p < end:
+                        waits = (lo <= p) & (p < hi) & (state.due[j] == sweep)
+                        state.due[j] = sweep if waits else sweep + 1
     return moved
 
 

@@ -18,6 +18,7 @@ import pytest
 import shapely
 from forked import run_in_fork
 from hypothesis import assume, given, settings, strategies as st
+from numba import njit
 from scipy.spatial.distance import pdist
 
 from agglo_core import Graph, Mesh, samples
@@ -25,6 +26,7 @@ from agglo_core.agglomeration.halves import broken_halves
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int, splitmix
 from agglo_core.compiled.geometry import block_diameters, compare_diameters
 from agglo_core.compiled.graphs import broken_blocks, child_order, components, take_rows
+from agglo_core.compiled.prefetching import prefetch
 from agglo_core.mesh.geometry.loops import faces_of_cells
 from agglo_core.mesh.kernels.face_sums import add_faces
 from agglo_core.mesh.kernels.faces import match_half_edges
@@ -577,3 +579,13 @@ def test_without_a_writable_folder_there_is_one_warning_and_it_works(tmp_path: P
     assert out == "6 8 told\n"
     assert err.count("\n") == 1
     assert err.startswith("WARNING agglo no folder for compiled kernels is writable")
+
+
+def test_prefetch_is_one_instruction() -> None:
+    @njit
+    def prefetch_row(array: np.ndarray, row: int) -> None:
+        prefetch(array, row)
+
+    prefetch_row(np.zeros((3, 2)), 1)
+    (code,) = prefetch_row.inspect_llvm().values()
+    assert "call void @llvm.prefetch" in code
