@@ -1,4 +1,4 @@
-"""Compute sort keys of points along a Hilbert curve."""
+"""Compute and sort keys of points along a Hilbert curve."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
+from agglo_core.compiled.sorting import sort_by_keys
 
 _ZERO, _SIX, _LOW_SIX = np.uint64(0), np.uint64(6), np.uint64(63)
 _OFFSET = 1.0 / np.pi
@@ -17,24 +18,8 @@ that rounding does not decide between two cubes.
 """
 
 
-@helper
-def _spread_by_one(x):
-    """Spread the 32 low bits of x to every second bit, to interleave two coordinates."""
-    x = (x | (x << np.uint64(16))) & np.uint64(0x0000FFFF0000FFFF)
-    x = (x | (x << np.uint64(8))) & np.uint64(0x00FF00FF00FF00FF)
-    x = (x | (x << np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-    x = (x | (x << np.uint64(2))) & np.uint64(0x3333333333333333)
-    return (x | (x << ONE)) & np.uint64(0x5555555555555555)
-
-
-@helper
-def _spread_by_two(x):
-    """Spread the 21 low bits of x to every third bit, to interleave three coordinates."""
-    x = (x | (x << np.uint64(32))) & np.uint64(0x001F00000000FFFF)
-    x = (x | (x << np.uint64(16))) & np.uint64(0x001F0000FF0000FF)
-    x = (x | (x << np.uint64(8))) & np.uint64(0x100F00F00F00F00F)
-    x = (x | (x << np.uint64(4))) & np.uint64(0x10C30C30C30C30C3)
-    return (x | (x << np.uint64(2))) & np.uint64(0x1249249249249249)
+_CROWDED = 64.0
+"""Mean number of keys in the bucket of a key above which insertion sort takes longer than numpy's sort."""
 
 
 @helper
@@ -49,8 +34,8 @@ def curve_keys(points, axes, bits, table, keys):
     """Write the index along a Hilbert curve, followed by the point number, to ``keys (n,)``.
 
     The curve has 2^bits steps along each of the ``axes (d, d)``. The point number takes the remaining
-    64 − d · bits bits. The ``table`` converts six bits at a time from a Morton to the Hilbert curve: see
-    ``hilbert_table`` in ``graph/ordering.py``.
+    64 − d · bits bits. The ``table`` converts the steps by six bits at a time: see ``hilbert_table`` in
+    ``graph/ordering.py``.
     """
     n, d = points.shape
     low, extent = np.empty(d), 0.0
@@ -62,21 +47,70 @@ def curve_keys(points, axes, bits, table, keys):
             least, most = min(least, x), max(most, x)
         low[a], extent = least, max(extent, most - least)
     rate = (2.0**bits - 1.0) / (extent if extent > 0.0 else 1.0)
-    # 2. Steps along each axis with interleaved bits.
-    spare = np.uint64(64 - d * bits)
-    for i in range(n):
+    # 2. Steps along each axis.
+    spare, width = np.uint64(64 - d * bits), np.uint64(6 // d)
+    digit = (ONE << width) - ONE
+    for i in range(np.uint64(n)):
         x = np.uint64((_project(points[i], axes, 0) - low[0]) * rate + _OFFSET)
         y = np.uint64((_project(points[i], axes, 1) - low[1]) * rate + _OFFSET)
-        if d == 2:
-            morton = (_spread_by_one(x) << ONE) | _spread_by_one(y)
-        else:
-            z = np.uint64((_project(points[i], axes, 2) - low[2]) * rate + _OFFSET)
-            morton = (_spread_by_two(x) << np.uint64(2)) | (_spread_by_two(y) << ONE) | _spread_by_two(z)
+        z = np.uint64((_project(points[i], axes, 2) - low[2]) * rate + _OFFSET) if d > 2 else _ZERO
         # 3. Convert to the Hilbert curve, from the largest cubes to the smallest. Point numbers make the keys
         #    distinct.
-        key, state, place = _ZERO, _ZERO, np.uint64(d * bits)
+        key, state, place = _ZERO, _ZERO, np.uint64(bits)
         while place > _ZERO:
-            place -= _SIX
-            entry = np.uint64(table[state, morton >> place & _LOW_SIX])
+            place -= width
+            cube = (x >> place & digit) << width | (y >> place & digit)
+            cube = cube << width | (z >> place & digit) if d > 2 else cube
+            entry = np.uint64(table[state, cube])
             key, state = key << _SIX | (entry & _LOW_SIX), entry >> _SIX
-        keys[i] = key << spare | np.uint64(i)
+        keys[i] = key << spare | i
+
+
+@kernel
+def sort_keys(keys, first, result):
+    """Write the sorted ``keys (n,)`` to ``result``, or return False if many have the same leading bits.
+
+    ``first`` is workspace: its length, a power of two, is the number of buckets.
+    """
+    # 1. Bucket sort by the leading bits.
+    shift, total, pairs = np.uint64(64), np.int64(0), 0.0
+    while ONE << (np.uint64(64) - shift) < len(first):
+        shift -= ONE
+    for b in range(len(first)):
+        first[b] = 0
+    for i in range(len(keys)):
+        first[keys[i] >> shift] += 1
+    for b in range(len(first)):
+        size, first[b] = np.int64(first[b]), total
+        total, pairs = total + size, pairs + np.float64(size) * np.float64(size)
+    if pairs > _CROWDED * len(keys):
+        return False
+    for i in range(len(keys)):
+        b = keys[i] >> shift
+        result[np.uint32(first[b])] = keys[i]
+        first[b] += 1
+    # 2. Insertion sort within the buckets.
+    for i in range(1, len(result)):
+        key, place = result[i], i
+        while place > 0 and result[place - 1] > key:
+            result[place] = result[place - 1]
+            place -= 1
+        result[place] = key
+    return True
+
+
+@kernel
+def sort_ties(keys, spare, points, axis):
+    """Sort points in the same step of the curve along the ``axis (1, d)``, in the sorted ``keys (n,)``."""
+    start, places = 0, np.empty(16)
+    for i in range(1, len(keys) + 1):
+        if i < len(keys) and keys[i] >> spare == keys[start] >> spare:
+            continue
+        if i > start + 1:
+            if i - start > len(places):
+                places = np.empty(2 * (i - start))
+            for k in range(start, i):
+                point = keys[k] & ((ONE << spare) - ONE)
+                places[k - start] = _project(points[point], axis, 0)
+            sort_by_keys(keys[start:i], places, i - start)
+        start = i

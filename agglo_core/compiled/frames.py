@@ -1,15 +1,53 @@
-"""Centred and scaled coordinates of blocks of cells, principal axes, and directions in 2-D."""
+"""Centred and scaled coordinates of blocks of cells, moments, principal axes, and directions in 2-D."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.compiled.compiling import helper
+from agglo_core.compiled.compiling import helper, kernel
 
 # Ratio of the smaller to the larger principal moment, above which no axis stands out, and fourth moments
 # define the frame. A larger value leaves nearly round blocks with arbitrary axes (benchmarks/quality.py,
 # bisector sweep).
 _ROUND = 0.8
+
+
+_CHUNK = 256  # points at a time: their products stay in the first cache
+
+
+@kernel(reorder_sums=True)
+def moment_sums(points, shares, centre, pairs):
+    """Return the sums Σ s r_i r_j for P ``pairs (P, 2)`` of axes, and Σ s q r_i r_j ``(d + P, P)``.
+
+    r are the coordinates relative to the ``centre (d,)``, s the ``shares (n,)``, and q the coordinates, then
+    the products of pairs.
+    """
+    (n, d), m = points.shape, len(pairs)
+    second, sums = np.zeros(m), np.zeros((d + m, m))
+    powers, weighted = np.empty((d + m, _CHUNK)), np.empty(_CHUNK)
+    for start in range(0, n, _CHUNK):
+        count = min(_CHUNK, n - start)
+        # 1. Coordinates and their products.
+        for a in range(d):
+            for k in range(count):
+                powers[a, k] = points[start + k, a] - centre[a]
+        for p in range(m):
+            i, j = pairs[p, 0], pairs[p, 1]
+            for k in range(count):
+                powers[d + p, k] = powers[i, k] * powers[j, k]
+        # 2. Sums.
+        for p in range(m):
+            total = 0.0
+            for k in range(count):
+                weighted[k] = powers[d + p, k] * shares[start + k]
+                total += weighted[k]
+            second[p] += total
+            for q in range(d + m):
+                total = 0.0
+                for k in range(count):
+                    total += powers[q, k] * weighted[k]
+                sums[q, p] += total
+    return second, sums
 
 
 @helper(reorder_sums=True)

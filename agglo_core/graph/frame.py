@@ -6,9 +6,8 @@ from itertools import combinations, combinations_with_replacement
 
 import numpy as np
 
-from agglo_core.arrays import Float, frozen_float
+from agglo_core.arrays import Float, frozen_float, frozen_int
 
-_CHUNK = 4096  # points at a time: their products stay in the cache, and BLAS uses one thread
 _ISOTROPIC = 0.9
 """Ratio of second moments above which fourth moments define the axes in their plane. A convention: principal
 axes are ill-defined where second moments are nearly equal, as on a square."""
@@ -54,20 +53,15 @@ def moving_frame(points: Float, weights: Float) -> Float:
 
 def _moments(points: Float, weights: Float) -> tuple[Float, Float, Float]:
     """Return the second, third and fourth moments about the centre, as tensors, per total weight."""
+    from agglo_core.compiled.frames import moment_sums
+
     n, d = points.shape
     total = weights.sum()
     shares = weights / total if total > 0.0 else np.full(n, 1.0 / max(n, 1))
     centre = shares @ points
     # 1. Sums of w r r, w r r r and w r r r r over the distinct pairs of coordinates.
-    pairs = list(combinations_with_replacement(range(d), 2))
-    sums = np.zeros((d + len(pairs), len(pairs)))
-    second = np.zeros(len(pairs))
-    for start in range(0, n, _CHUNK):
-        local = (points[start : start + _CHUNK] - centre).T
-        powers = np.concatenate((local, [local[i] * local[j] for i, j in pairs]))
-        weighted = powers[d:] * shares[start : start + _CHUNK]
-        second += weighted.sum(axis=1)
-        sums += powers @ weighted.T
+    pairs = frozen_int(list(combinations_with_replacement(range(d), 2)))
+    second, sums = moment_sums(frozen_float(points), frozen_float(shares), frozen_float(centre), pairs)
     # 2. Full tensors.
     place = np.zeros((d, d), np.int64)
     for p, (i, j) in enumerate(pairs):

@@ -19,7 +19,7 @@ def curve_order(points: Float, axes: Float | None = None) -> Int:
     """Return the permutation ``(n,)`` that sorts points ``(n, d)`` along a Hilbert curve.
 
     The curve has 2^18 (2-D) or 2^14 (3-D) steps along each axis, fewer for very many points. Points in the
-    same step are in the order of their numbers. The orthogonal ``axes (d, d)`` are by default the coordinate
+    same step are sorted along the first axis. The orthogonal ``axes (d, d)`` are by default the coordinate
     axes.
 
     Examples
@@ -29,34 +29,36 @@ def curve_order(points: Float, axes: Float | None = None) -> Int:
     >>> curve_order(np.array([[1.0, 1.0], [0.0, 0.0], [0.1, 0.0]]))
     array([1, 2, 0])
     """
-    from agglo_core.compiled.curve_keys import curve_keys
+    from agglo_core.compiled.curve_keys import curve_keys, sort_keys, sort_ties
 
     n, d = points.shape
     number_bits = max(1, (n - 1).bit_length())
     bits = min(_BITS[d], (64 - number_bits) // 6 * 6 // d)
-    keys = np.empty(n, np.uint64)
-    frame = frozen_float(np.eye(d)) if axes is None else axes
-    curve_keys(frozen_float(points), frame, bits, hilbert_table(d), keys)
-    keys.sort()  # far faster than argsort; points in the same step are in the order of their numbers
-    keys &= np.uint64((1 << (64 - d * bits)) - 1)
-    return frozen_int(keys.view(np.int64))
+    spare, keys, order = np.uint64(64 - d * bits), np.empty(n, np.uint64), np.empty(n, np.uint64)
+    points, frame = frozen_float(points), frozen_float(np.eye(d)) if axes is None else axes
+    curve_keys(points, frame, bits, hilbert_table(d), keys)
+    if not sort_keys(keys, np.empty(1 << min(number_bits, d * bits), np.int32), order):
+        order = np.sort(keys)
+    sort_ties(order, spare, points, frame[:1])
+    order &= (np.uint64(1) << spare) - np.uint64(1)
+    return frozen_int(order.view(np.int64))
 
 
 @cache
 def hilbert_table(d: int) -> NDArray[np.uint16]:
-    """Return the table ``(S, 64)`` that converts Morton to Hilbert indices by six bits.
+    """Return the table ``(S, 64)`` that converts steps along the axes to Hilbert indices by six bits.
 
-    A row is a state: the orientation of the curve in a cube. The entry is the next six bits of the Hilbert
-    index, plus 64 times the next state. The first state is 0. Source: Skilling, "Programming the Hilbert
-    curve" (AIP Conf. Proc. 707, 2004).
+    A row is a state: the orientation of the curve in a cube. A column contains the next 6 / d bits along each
+    axis. The entry is the next six bits of the Hilbert index, plus 64 times the next state. The first state
+    is 0. Source: Skilling, "Programming the Hilbert curve" (AIP Conf. Proc. 707, 2004).
     """
     first: _State = (tuple(range(d)), (0,) * d, 0)
     states, todo, rows = {first: 0}, [first], []
     for state in todo:
         row = []
-        for digits in product(product((0, 1), repeat=d), repeat=6 // d):
+        for digits in product(product((0, 1), repeat=6 // d), repeat=d):
             index, current = 0, state
-            for digit in digits:
+            for digit in zip(*digits, strict=True):
                 bits, current = _step(current, digit)
                 for bit in bits:
                     index = 2 * index + bit

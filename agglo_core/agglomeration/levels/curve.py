@@ -20,6 +20,8 @@ bisections (benchmarks/curve.py)."""
 _CELLS = (7, 128)
 """Smallest and largest mean number of cells per part. The polish cannot make runs of fewer cells round, as
 each move changes much, nor runs of more cells, as it moves few layers (benchmarks/curve.py)."""
+_SAMPLE = 5000
+"""Approximate number of cells examined on large meshes, for the next constant."""
 _STRETCHED = 1e-3
 """Largest fraction of stretched cells. The polish leaves runs through stretched cells long
 (benchmarks/curve.py)."""
@@ -53,8 +55,9 @@ def suits_curve(goal: Goal, graph: Graph, blocks: Int) -> TypeGuard[CountGoal]:
     fewest = _ACROSS**graph.dim * (int(blocks.max(initial=-1)) + 1)
     if goal.parts < fewest or not _CELLS[0] <= graph.n / goal.parts <= _CELLS[1]:
         return False
-    stretched = stretched_cells(graph.indptr, graph.indices, graph.centroids, graph.measures)
-    return bool(stretched <= _STRETCHED * graph.n)
+    step = graph.n // _SAMPLE | 1  # odd, so that structured meshes are sampled evenly
+    stretched = stretched_cells(graph.indptr, graph.indices, graph.centroids, graph.measures, step)
+    return bool(stretched * step <= _STRETCHED * graph.n)
 
 
 def cut_curve(graph: Graph, blocks: Int, goal: CountGoal, run: Run) -> Int:

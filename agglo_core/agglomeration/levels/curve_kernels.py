@@ -16,13 +16,15 @@ _WIDTHS = 3.0
 
 
 @kernel
-def stretched_cells(indptr, indices, centroids, measures):
+def stretched_cells(indptr, indices, centroids, measures, step):
     """Return the number of cells whose centroid is far from that of a neighbour, beside the cell width.
 
-    The width is the side of a square or cube with the mean measure of the cell and its neighbours.
+    Only every ``step``-th cell is examined. The width is the side of a square or cube with the mean measure
+    of the cell and its neighbours.
     """
     count, d = np.int64(0), centroids.shape[1]
-    for i in range(np.uint64(len(measures))):
+    for c in range(0, len(measures), step):
+        i = np.uint64(c)
         begin, end = np.uint64(indptr[i]), np.uint64(indptr[i + ONE])
         farthest, total = 0.0, measures[i]
         for h in range(begin, end):

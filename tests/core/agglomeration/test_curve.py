@@ -87,9 +87,10 @@ def test_runs_are_those_of_the_twin(graph: Graph, seed: int, k: int, masses: str
 
 def test_stretched_cells_are_counted() -> None:
     graph = samples.squares(6).graph
-    assert stretched_cells(graph.indptr, graph.indices, graph.centroids, graph.measures) == 0
+    assert stretched_cells(graph.indptr, graph.indices, graph.centroids, graph.measures, 1) == 0
     long = frozen_float(graph.centroids * [11.0, 1.0 / 11.0])  # distances of 11 cell widths
-    assert stretched_cells(graph.indptr, graph.indices, long, graph.measures) == 36
+    assert stretched_cells(graph.indptr, graph.indices, long, graph.measures, 1) == 36
+    assert stretched_cells(graph.indptr, graph.indices, long, graph.measures, 5) == 8  # cells 0, 5, … 35
 
 
 FAMILIES = {

@@ -47,6 +47,20 @@ def test_points_are_sorted_along_the_hilbert_curve(seed: int, dim: int, turned: 
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("step", [0.0, 1e-7])
+def test_points_in_one_step_are_sorted_along_the_first_axis(dim: int, step: float) -> None:
+    """Also with so many in a step that the bucket sort is not used."""
+    rng = np.random.default_rng(dim)
+    for n in (5, 3000):
+        points = np.concatenate((step * rng.random((n, dim)), np.ones((1, dim))))
+        order = curve_order(points)
+        assert order[-1] == n
+        assert (np.diff(points[order, 0]) >= 0.0).all()
+        shuffle = rng.permutation(n + 1)
+        np.testing.assert_array_equal(points[shuffle][curve_order(points[shuffle])], points[order])
+
+
+@pytest.mark.parametrize("dim", [2, 3])
 def test_the_curve_visits_neighbours_of_a_lattice_one_after_the_other(dim: int) -> None:
     lattice = np.stack(np.meshgrid(*[np.arange(16.0)] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
     path = lattice[curve_order(lattice)]
