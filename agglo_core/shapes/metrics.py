@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from math import inf
 from typing import Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -26,6 +27,8 @@ from agglo_core.threads import over_ranges
 # Minimum number of agglomerates for a thread: their circles take some ten milliseconds
 # (benchmarks/threads.py).
 _FEW = 500
+
+_CIRCLES: WeakKeyDictionary[Mesh, Float] = WeakKeyDictionary()  # shared by CR and CRc
 
 Better = Literal["high", "low"]
 
@@ -48,26 +51,32 @@ def plane_agglomerates(mesh: Mesh, labels: Int, metric: str) -> Mesh:
 def _ball_ratios(mesh: Mesh, labels: Int, anywhere: bool) -> Float:
     """Return the ratio of the largest inscribed circle (3-D: ball) radius to half the diameter ``(k,)``."""
     coarse = agglomerates(mesh, labels)
-    radii = _circle_radii(coarse, anywhere) if coarse.dim == 2 else ball_radii(coarse, anywhere)
+    radii = (
+        _circle_radii(coarse)[:, 0 if anywhere else 1] if coarse.dim == 2 else ball_radii(coarse, anywhere)
+    )
     ratios: Float = 2.0 * radii / coarse.cell_diameters
     return ratios
 
 
-def _circle_radii(mesh: Mesh, anywhere: bool) -> Float:
-    """Return the radius ``(n_cells,)`` of the largest circle inside each cell."""
+def _circle_radii(mesh: Mesh) -> Float:
+    """Return the radii ``(n_cells, 2)`` of the largest circle inside each cell: anywhere, at the centroid.
+
+    They are computed once per mesh.
+    """
     from agglo_core.shapes.circle import circles
 
-    points, pairs, (offsets, faces) = mesh.local_points, mesh.face_pairs, mesh.cell_faces
+    if mesh in _CIRCLES:
+        return _CIRCLES[mesh]
+    points, (first, *loops) = mesh.local_points, mesh.boundary_loops
     centroids, diameters = mesh.local_centroids, mesh.cell_diameters
 
     def radii(start: int, stop: int) -> Float:
         span = slice(start, stop)
-        result: Float = circles(
-            points, offsets[start : stop + 1], faces, pairs, centroids[span], diameters[span], anywhere
-        )
+        result: Float = circles(points, first[start : stop + 1], *loops, centroids[span], diameters[span])
         return result
 
-    return np.concatenate(over_ranges(radii, mesh.n_cells, few=_FEW))
+    _CIRCLES[mesh] = np.concatenate(over_ranges(radii, mesh.n_cells, few=_FEW))
+    return _CIRCLES[mesh]
 
 
 class UniformityFactor:
@@ -112,7 +121,7 @@ class CircleRatio:
     def measure(self, mesh: Mesh, labels: Int) -> Float:
         """Return the circle ratios ``(k,)``.
 
-        The radius is at most 1e-4 diameters (3-D: 1e-3 of the radius) below the maximum.
+        The radius is at most 1e-5 (3-D: 1e-3) of itself below the maximum.
         """
         return _ball_ratios(mesh, labels, anywhere=True)
 

@@ -52,11 +52,7 @@ CONSTANTS: Mapping[str, tuple[str, ...]] = {
     ),
     "measure": (
         "agglo_core/shapes/balls.py:_LISTED",
-        "agglo_core/shapes/circle.py:_LISTED",
-        "agglo_core/shapes/circle.py:_SHORT",
-        "agglo_core/shapes/circle.py:_LONG",
-        "agglo_core/shapes/circle.py:_FEW",
-        "agglo_core/shapes/circle.py:_THIN",
+        "agglo_core/shapes/circle.py:_MANY",
         "agglo_core/shapes/solid_boxes.py:_TIES",
     ),
     "matrices": (

@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given, settings, strategies as st
 from scipy.optimize import linprog
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
-from shapely.affinity import scale
+from shapely.affinity import rotate, scale
 
 from agglo_core import samples
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.registry import default
-from agglo_core.shapes.inscribed_2d import FIRST, HEIGHT, LAST, simplify_outline
+from agglo_core.shapes.circle import circles
 from agglo_core.shapes.metrics import (
     Cells,
     CentredCircleRatio,
@@ -156,39 +157,6 @@ def test_many_edges() -> None:
         assert _measure(CircleRatio(), cell)[0] * cell.h / 2 == pytest.approx(radius, rel=1e-4)
 
 
-def _table(outlines: list[np.ndarray], vertices: list[np.ndarray]) -> np.ndarray:
-    """The table of the edges of closed outlines, in any order and direction, with one vertex number each."""
-    rows = [
-        np.column_stack((p, np.roll(p, -1, axis=0), v, np.roll(v, -1)))
-        for p, v in zip(outlines, vertices, strict=True)
-    ]
-    edges = np.random.default_rng(0).permutation(np.concatenate(rows))
-    edges[::3] = edges[::3][:, [2, 3, 0, 1, 5, 4]]
-    table = np.zeros((HEIGHT, len(edges)))
-    table[[0, 1, 4, 5, FIRST, LAST]] = edges.T
-    table[2:4] = table[4:6] - table[0:2]
-    return table
-
-
-@pytest.mark.parametrize(("tiny", "arcs"), [(1e-12, 300), (3e-4, 151), (3e-3, 43)])
-def test_simplified_outlines_pass_all_vertices(tiny: float, arcs: int) -> None:
-    turn = 2 * np.pi * np.arange(300) / 300
-    square = np.array([(x, y) for x, y in np.ndindex(9, 9) if x in (0, 8) or y in (0, 8)]) / 30 + 0.5
-    square = square[np.argsort(np.arctan2(*(square - square.mean(axis=0)).T))]
-    ragged = _outline(np.random.default_rng(1).uniform(0.1, 0.2, 50), 2 * np.pi * np.arange(50) / 50) - 0.3
-    outlines = [_outline(np.ones(300), turn), square, ragged, ragged[0] - ragged + ragged[0]]
-    numbers = [np.arange(300), 300 + np.arange(32), 400 + np.arange(50), 500 + np.arange(50)]
-    numbers[3][0] = 400  # both ragged ones meet there
-    edges, links = _table(outlines, numbers), np.zeros((600, 2), np.int32)
-    rough, k = simplify_outline(edges, edges.shape[1], links, tiny)
-    assert not links.any()
-    assert 4 + 80 < k <= arcs + 5 + 100  # the circle, the square, and both ragged ones
-    lines = shapely.linestrings(np.stack((rough[:2, :k], rough[4:6, :k]), axis=1).T.reshape(-1, 2, 2))
-    whole = shapely.union_all(lines)
-    assert shapely.distance(shapely.points(edges[:2].T), whole).max() <= tiny
-    assert set(map(tuple, rough[:2, :k].T)) <= set(map(tuple, np.hstack((edges[:2], edges[4:6])).T))
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_ragged_outlines_agree_with_shapely(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -201,6 +169,40 @@ def test_ragged_outlines_agree_with_shapely(seed: int) -> None:
         cell = Mesh.from_polygons(outline + 100, [range(len(outline))])
         exact = shapely.maximum_inscribed_circle(shapely.Polygon(outline), tolerance=3e-5 * cell.h).length
         assert _measure(CircleRatio(), cell)[0] / 2 == pytest.approx(exact / cell.h, abs=1.3e-4)
+
+
+@st.composite
+def _shapes(draw: st.DrawFn) -> shapely.MultiPolygon:
+    """Stars minus stars: concave, with holes, in pieces, with collinear vertices, stretched and turned."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    stars = []
+    for n, size in zip(draw(st.tuples(st.integers(3, 25), st.integers(3, 9))), (1.0, 0.7), strict=True):
+        star = _outline(rng.uniform(draw(st.sampled_from((0.05, 0.6))), 1.0, n), np.arange(n) * 2 * np.pi / n)
+        inserted = [star, star + rng.random((n, 1)) * (np.roll(star, -1, axis=0) - star)]
+        stars.append(shapely.Polygon(size * np.stack(inserted, axis=1).reshape(-1, 2) + 0.3 * rng.random(2)))
+    shape = stars[0].difference(stars[1]) if draw(st.booleans()) else stars[0]
+    stretched = scale(shape, 1.0, draw(st.sampled_from((1.0, 0.1, 1e-3))))
+    parts = [part for part in shapely.get_parts(rotate(stretched, rng.uniform(0, 90))) if part.area > 1e-9]
+    return shapely.MultiPolygon(parts or [shapely.box(0, 0, 1, 1)])
+
+
+@given(shape=_shapes())
+@settings(max_examples=100)
+def test_circles_of_any_outline_agree_with_a_slow_search(shape: shapely.MultiPolygon) -> None:
+    rings = shapely.get_rings([shapely.orient_polygons(part) for part in shape.geoms])
+    points, starts = shapely.get_coordinates(rings), np.cumsum([0, *shapely.get_num_coordinates(rings)])
+    keep = np.ones(len(points), bool)
+    keep[starts[1:] - 1] = False  # the repeated first vertex
+    loops = starts - np.arange(len(starts))
+    centre, diameter = np.array(shape.centroid.coords), pdist(points).max()
+    radius, centred = circles(
+        points[keep], np.array([0, len(rings)]), loops, np.arange(loops[-1]), centre, np.array([diameter])
+    )[0]
+    about = shape.boundary.distance(shape.centroid) if shape.contains(shape.centroid) else 0.0
+    assert centred == pytest.approx(about, rel=1e-9, abs=1e-12)
+    slow = max(shapely.maximum_inscribed_circle(part, tolerance=1e-6 * radius).length for part in shape.geoms)
+    assert slow <= radius * (1 + 1.2e-5) + 1.1e-9 * diameter
+    assert radius <= slow * (1 + 1e-3)  # in thin shapes the slow search ends early
 
 
 def test_needle_stays_cheap_and_close() -> None:
