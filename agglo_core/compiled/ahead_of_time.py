@@ -2,7 +2,7 @@
 
 The first run then finds them on disk.
 
-python -m agglo_core.compiled.ahead_of_time FOLDER [LEVEL ...]
+python -m agglo_core.compiled.ahead_of_time FOLDER LEVEL ...
 """
 
 from __future__ import annotations
@@ -16,10 +16,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import llvmlite.binding  # type: ignore[import-untyped]
 import numba.types
 
-from agglo_core.compiled.cpu_levels import LEVELS, supported_levels
+from agglo_core.compiled.cpu_levels import LEVELS
 
 LISTED = Path(__file__).with_name("ahead_of_time.txt")
 # Maximum number of processes: more compile in parallel, but each loads numba, which costs time and memory
@@ -69,15 +68,6 @@ def read_signatures() -> list[Signature]:
     return [Signature(*line.split(" ", 2)) for line in lines if not line.startswith("#")]
 
 
-def default_level() -> str:
-    """Return the level for which kernels are compiled unless others are named: at most x86-64-v3.
-
-    Many current processors lack the features of x86-64-v4.
-    """
-    features = llvmlite.binding.get_host_cpu_features().flatten()
-    return next(level for level in supported_levels(features) if level != "x86-64-v4")
-
-
 def compile_listed(folder: Path, signatures: Iterable[Signature], level: str) -> list[str]:
     """Compile the given kernels in one process per processor, and return a line for each failure.
 
@@ -107,9 +97,9 @@ def _compile(signature: Signature, folder: Path) -> None:
 
 
 def main(folder: Path, levels: list[str]) -> list[str]:
-    """Compile all listed kernels for the given levels, by default one, and return a line for each failure."""
+    """Compile all listed kernels for the given levels, and return a line for each failure."""
     signatures = read_signatures()
-    return [line for each in levels or [default_level()] for line in compile_listed(folder, signatures, each)]
+    return [line for each in levels for line in compile_listed(folder, signatures, each)]
 
 
 if __name__ == "__main__":

@@ -19,14 +19,15 @@ _COMPILE = "agglo_core.compiled.ahead_of_time"
 class CompiledKernels(BuildHookInterface[Any]):
     """Build step that compiles the kernels into ``agglo_core/compiled/machine_code``.
 
-    A wheel with kernels has the tag of this Python and platform. If nothing compiles, the wheel contains no
-    kernels and is for all platforms.
+    It runs if ``AGGLO_PREBUILD`` names feature levels of processors, and needs numba (``--no-isolation``).
+    The wheel then has the tag of this Python and platform. By default a wheel contains no kernels and is for
+    all platforms.
     """
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile the kernels (called by hatchling before it collects files)."""
         levels = os.environ.get("AGGLO_PREBUILD", "").split()
-        if version == "editable" or levels == ["0"]:
+        if version == "editable" or not levels:
             return
         self._room = TemporaryDirectory()
         kernels, kept = Path(self._room.name, "compiled"), Path(self._room.name, "kept")
@@ -38,12 +39,10 @@ class CompiledKernels(BuildHookInterface[Any]):
             cwd=self.root, capture_output=True, text=True,
         )  # fmt: skip
         if run.returncode:
-            self.app.display_warning(f"these kernels are compiled on first use instead: {run.stderr.strip()}")
-        found = len(list(kernels.glob("*.nbc")))
-        self.app.display_info(f"{found} signatures of kernels compiled")
-        if found:
-            build_data.update(pure_python=False, infer_tag=True)
-            build_data["force_include"][str(kernels)] = "agglo_core/compiled/machine_code"
+            raise RuntimeError(f"AGGLO_PREBUILD={' '.join(levels)}: {run.stderr.strip()}")
+        self.app.display_info(f"{len(list(kernels.glob('*.nbc')))} signatures of kernels compiled")
+        build_data.update(pure_python=False, infer_tag=True)
+        build_data["force_include"][str(kernels)] = "agglo_core/compiled/machine_code"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove temporary files (called by hatchling after the wheel is written)."""

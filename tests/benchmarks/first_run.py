@@ -1,7 +1,7 @@
 """Measure the README command in its first and second run, and list the most expensive kernels to compile.
 
 python tests/benchmarks/first_run.py            # a checkout: kernels are compiled on first use
-python tests/benchmarks/first_run.py --wheel    # an installed wheel: kernels are compiled while it is built
+python tests/benchmarks/first_run.py --wheel    # an installed wheel that contains the kernels
 python tests/benchmarks/first_run.py --record   # writes the list of the kernels that a wheel has
 """
 
@@ -112,7 +112,8 @@ def installed(folder: Path) -> Path:
     packages = folder / "packages"
     options = ["-q", "--no-build-isolation", "--no-deps", "--no-index", "--target", str(packages)]
     command = [sys.executable, "-m", "pip", "install", *options, str(ROOT)]
-    subprocess.run(command, check=True, capture_output=True)
+    level = {"AGGLO_PREBUILD": os.environ.get("AGGLO_PREBUILD", "generic")}
+    subprocess.run(command, env=os.environ | level, check=True, capture_output=True)
     return packages
 
 

@@ -22,7 +22,7 @@ from numba.core.errors import TypingError
 from syntax import syntax_tree
 
 from agglo_core.compiled import compile_lock, kernel, kernel_cache
-from agglo_core.compiled.ahead_of_time import compile_listed, default_level, read_signatures
+from agglo_core.compiled.ahead_of_time import compile_listed, read_signatures
 from agglo_core.compiled.cpu_levels import LEVELS, supported_levels
 from agglo_core.compiled.kernel_cache import KernelCache, source_stamp, sources
 from agglo_core.lazy_names import names_in_stub
@@ -180,11 +180,6 @@ def test_levels_end_at_the_first_feature_that_is_absent() -> None:
     assert supported_levels(with_v4_only) == ("x86-64-v2", "generic")
     assert supported_levels(features_of(*LEVELS)) == tuple(reversed(LEVELS))
     assert supported_levels("") == ("generic",)
-
-
-def test_wheels_are_for_many_processors() -> None:
-    assert default_level() in LEVELS
-    assert default_level() != "x86-64-v4"
 
 
 def test_an_unknown_level_is_refused(tmp_path: Path) -> None:
@@ -521,19 +516,6 @@ def test_what_is_listed_are_kernels_with_arguments() -> None:
     for one in read_signatures():
         function = one.kernel().py_func
         assert len(one.types()) == function.__code__.co_argcount, one
-
-
-BUILD = """
-import sys
-sys.modules |= dict.fromkeys(("scipy", "sklearn", "networkx", "shapely", "matplotlib", "click"))
-from agglo_core.compiled.ahead_of_time import read_signatures
-for signature in read_signatures():
-    signature.kernel()
-"""
-
-
-def test_listed_kernels_import_with_the_requirements_of_the_build(tmp_path: Path) -> None:
-    subprocess.run([sys.executable, "-c", BUILD], check=True, cwd=tmp_path)
 
 
 def test_a_kernel_that_does_not_compile_is_reported(tmp_path: Path) -> None:
