@@ -69,13 +69,16 @@ class _Options(Flags):
     """Compiler options, of which numba keeps an interned copy while it compiles a function.
 
     For each operation numba looks up an implementation by types and options. It would hash and compare some
-    20 options each time: a tenth of the time to compile a kernel.
+    20 options each time: a tenth of the time to compile a kernel. The copy lacks the one option that differs
+    between kernels and helpers and does not matter to callees, so that both call the same helpers.
     """
 
     __slots__ = ()
 
     def copy(self) -> _Interned:
-        return _interned(Flags(self))  # type: ignore[no-untyped-call]
+        inherited: Any = Flags(self)  # type: ignore[no-untyped-call]
+        inherited.discard("no_cpython_wrapper")
+        return _interned(inherited)
 
 
 class _Compiler(Compiler):
