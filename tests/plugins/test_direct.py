@@ -173,6 +173,9 @@ def test_pypardiso_is_given_the_path_of_mkl(monkeypatch: pytest.MonkeyPatch, tmp
     metadata.mkdir()
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: mkl\nVersion: 2099.0\n")
     (metadata / "RECORD").write_text("lib/libmkl_core.so.3,,\nlib/libmkl_rt.so.3,,\n")
+    (tmp_path / "lib").mkdir()
+    for name in ("libmkl_core.so.3", "libmkl_rt.so.3"):  # Python 3.12 and later list only files that exist
+        (tmp_path / "lib" / name).touch()
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delenv("PYPARDISO_MKL_RT", raising=False)
     direct_backends._mkl_from_package.cache_clear()
