@@ -174,7 +174,7 @@ def write(
     ``.npz`` keeps everything. ``.vtu`` holds the mesh with its tags and all level labels as cell data
     ``level_0``, …. Each coarse mesh goes into a file ``NAME_level0.vtu``, … beside it, with label, parent,
     cell count, measure and diameter per agglomerate. Other formats raise an error instead of losing
-    data.
+    data, and warn about face tags that they cannot hold.
 
     Files appear whole or not at all. Remains from an earlier hierarchy are removed: mesh tags
     ``level_<number>`` are not written to such files, and superfluous coarse meshes are deleted (only files

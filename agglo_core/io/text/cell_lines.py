@@ -74,14 +74,15 @@ def find_tags(content: bytes, n_cells: int, prefix: str = "") -> dict[str, Int]:
 
 def tags_declared(content: bytes, prefix: str = "") -> int | None:
     """Return the number of tags that the line of :func:`tag_count` declares, or None without the line."""
-    declared = re.search(re.escape(prefix.encode()) + _COUNT, content)
+    place = content.find(f"{prefix}{_TITLE}: ".encode())  # faster than a pattern
+    declared = re.compile(re.escape(prefix.encode()) + _COUNT).search(content, place) if place >= 0 else None
     return int(declared[1]) if declared is not None else None
 
 
 def tags_begin(content: bytes) -> int:
     """Return the offset of the cell data in a text, or the text length."""
-    match = re.search(rb'\ncell data(?:: | ")', content)
-    return match.start() + 1 if match is not None else len(content)
+    places = [content.find(f"\n{_TITLE}{mark}".encode()) for mark in (": ", ' "')]
+    return min((place + 1 for place in places if place >= 0), default=len(content))
 
 
 def _next_title(content: bytes, prefix: str, start: int = 0) -> int:
