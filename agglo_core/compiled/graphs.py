@@ -5,6 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
+from agglo_core.compiled.prefetching import prefetch
+
+_AHEAD = np.int64(16)
+"""Number of rows prefetched ahead (benchmarks/partition.py)."""
 
 
 @helper
@@ -72,7 +76,13 @@ def permute_graph(indptr, indices, interface, order, offsets, new_indptr, new_in
     #    second pass.
     whole = len(order) == n and len(offsets) == 2
     new_indptr[0] = 0
+    last = np.int64(len(order)) - 1
     for i in range(np.uint64(len(order) if whole else 0)):
+        prefetch(indptr, order[min(np.int64(i) + 2 * _AHEAD, last)])
+        coming = np.uint64(np.uint32(order[min(np.int64(i) + _AHEAD, last)]))
+        for end in (np.uint64(indptr[coming]), np.uint64(indptr[coming + ONE])):
+            prefetch(indices, end)
+            prefetch(interface, end)
         node = np.uint64(np.uint32(order[i]))
         for h in range(np.uint64(indptr[node]), np.uint64(indptr[node + ONE])):
             new_indices[m], new_interface[m] = indices[h], interface[h]

@@ -38,15 +38,22 @@ def stretched_cells(indptr, indices, centroids, measures, step):
 
 
 @helper
-def _join_earlier(indptr, indices, parts, root, i):
-    """Join cell i with its neighbours that precede it in the same run."""
-    home, mine = parts[i], i
+def _join_earlier(indptr, indices, parts, root, count, i):
+    """Join cell i with its neighbours that precede it in the same run, and return the number of joins.
+
+    The root of a component is its first cell, with its cell ``count``.
+    """
+    home, mine, joins = parts[i], i, np.int64(0)
     for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
         j = np.int64(np.uint32(indices[h]))
         if j < i and parts[j] == home:
             other = find_root(root, j)
-            mine = find_root(root, mine)
-            root[max(mine, other)] = min(mine, other)
+            if other != mine:
+                first, second = min(mine, other), max(mine, other)
+                root[second], mine = first, first
+                count[first] += count[second]
+                joins += 1
+    return joins
 
 
 @helper
@@ -55,18 +62,11 @@ def _keep_largest(cells, start, stop, parts, root, count, strays, n_strays):
 
     Strays have part −1. Returns the new number of strays.
     """
-    # 1. Count the cells of each component. Its root is its first cell.
-    for c in range(start, stop):
-        count[cells[c]] = 0
     largest = np.int64(cells[start])
     for c in range(start, stop):
-        top = find_root(root, np.int64(cells[c]))
-        count[top] += 1
-        if count[top] > count[largest]:
-            largest = top
-    # 2. The other components are strays.
-    if count[largest] == stop - start:
-        return n_strays
+        i = np.int64(cells[c])
+        if root[i] == i and count[i] > count[largest]:
+            largest = i
     for c in range(start, stop):
         i = np.int64(cells[c])
         if find_root(root, i) != largest:
@@ -105,7 +105,7 @@ def connected_runs(indptr, indices, interface, mass, cells, offsets, quotas):
     count, strays, size = np.empty(n, np.int32), np.empty(n, np.int32), np.zeros(quotas.sum())
     for b in range(len(quotas)):
         lo, hi, k, n_strays = offsets[b], offsets[b + 1], quotas[b], np.int64(0)
-        total, below, part, start = 0.0, 0.0, np.int64(0), lo
+        total, below, part, start, components = 0.0, 0.0, np.int64(0), lo, np.int64(0)
         for c in range(lo, hi):
             total += mass[cells[c]]
         for c in range(lo, hi):
@@ -116,12 +116,14 @@ def connected_runs(indptr, indices, interface, mass, cells, offsets, quotas):
             below += mass[i]
             wanted = max(np.int64(middle * k), k - (hi - c))
             if wanted > part and c > start:
-                n_strays = _keep_largest(cells, start, c, parts, root, count, strays, n_strays)
-                part, start = part + 1, c
+                if components > 1:
+                    n_strays = _keep_largest(cells, start, c, parts, root, count, strays, n_strays)
+                part, start, components = part + 1, c, np.int64(0)
             # 2. Components of the run, by union-find.
-            parts[i], root[i] = first + part, i
-            _join_earlier(indptr, indices, parts, root, i)
-        n_strays = _keep_largest(cells, start, hi, parts, root, count, strays, n_strays)
+            parts[i], root[i], count[i] = first + part, i, 1
+            components += 1 - _join_earlier(indptr, indices, parts, root, count, i)
+        if components > 1:
+            n_strays = _keep_largest(cells, start, hi, parts, root, count, strays, n_strays)
         # 3. Strays join an adjacent part, in rounds from the parts outward.
         for c in range(lo, hi if n_strays > 0 else lo):
             if parts[cells[c]] >= 0:

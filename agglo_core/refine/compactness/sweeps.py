@@ -37,6 +37,10 @@ With more visits, the data may leave the cache before they are used, with fewer,
 """
 
 
+_SHORT = 32
+"""Number of cells up to which counting is the fastest way to sort (benchmarks/partition.py)."""
+
+
 @helper
 def _square(cells, state, i, p):
     """Return the squared distance from cell i to the centre of part p."""
@@ -151,7 +155,7 @@ def _put(cells, state, i, home, target):
 
 @helper
 def _sort_listed(cells, state, work, b, start, stop):
-    """Sort the cells listed from ``start`` to ``stop`` by position along the block axis (Shell sort)."""
+    """Sort the cells listed from ``start`` to ``stop`` by position along the block axis."""
     # 1. Keys: positions along the block axis.
     for c in range(start, stop):
         i = np.uint32(state.listed[c])
@@ -159,8 +163,18 @@ def _sort_listed(cells, state, work, b, start, stop):
         if cells.centroids.shape[1] > 2:
             key += cells.axes[b, 2] * cells.centroids[i, 2]
         work.keys[c - start] = key
-    # 2. Sort with decreasing gaps. Short lists use insertion sort: gap 1 only.
-    gap = (stop - start) // 2 if stop - start > 16 else 1
+    # 2. Few cells, the usual case: count the cells before each one. Nothing depends on mispredicted branches.
+    if stop - start <= _SHORT:
+        for c in range(stop - start):
+            key, rank = work.keys[c], np.int64(0)
+            for k in range(stop - start):
+                rank += np.int64((work.keys[k] < key) | ((work.keys[k] == key) & (k < c)))
+            work.queue[rank] = state.listed[start + c]
+        for c in range(stop - start):
+            state.listed[start + c] = work.queue[c]
+        return
+    # 3. Otherwise sort with decreasing gaps (Shell sort).
+    gap = (stop - start) // 2
     while gap > 0:
         for c in range(gap, stop - start):
             i, key, j = state.listed[start + c], work.keys[c], c
