@@ -5,34 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float
-from agglo_core.threads import mapped
-
-_CELLS = 4096
-"""Cells per chunk and call of a thread: temporary arrays stay in the cache (benchmarks/threads.py)."""
+from agglo_core.threads import over_ranges
 
 
 def plane_inertias(
     points: Float, face_pairs: Int, face_cells: Int, offsets: Int, faces: Int, centroids: Float
 ) -> Float:
-    """Return ∫ |x − C|² ``(n,)`` of polygons, by triangles between their faces and the centroid C.
+    """Return ∫ |x − C|² ``(n,)`` of polygons about their centroids C.
 
-    Cell c has ``faces[offsets[c]:offsets[c + 1]]``; the triangle C, a, b has a × b (a² + a·b + b²) / 12.
+    Cell c has ``faces[offsets[c]:offsets[c + 1]]``.
     """
-    starts = np.arange(0, len(centroids), _CELLS)
+    from agglo_core.mesh.kernels.plane_cells import inertias
 
-    def of_cells(first: int) -> Float:
-        rows = offsets[first : first + _CELLS + 1]
-        some = faces[rows[0] : rows[-1]]
-        cells = np.repeat(np.arange(first, first + len(rows) - 1), np.diff(rows))
-        pairs, around = face_pairs[some], centroids[cells]
-        a, b = points[pairs[:, 0]] - around, points[pairs[:, 1]] - around
-        cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        cross[face_cells[some, 0] != cells] *= -1.0
-        squares = _dots(a, a) + _dots(a, b) + _dots(b, b)
-        found: Float = np.add.reduceat(cross * squares, rows[:-1] - rows[0]) / 12.0
-        return found
-
-    return frozen_float(np.concatenate([np.empty(0), *mapped(of_cells, starts.tolist())]))
+    found = over_ranges(
+        lambda start, stop: inertias(start, stop, points, face_pairs, face_cells, offsets, faces, centroids),
+        len(centroids),
+    )
+    return frozen_float(np.concatenate(found))
 
 
 def polyhedron_inertias(

@@ -112,3 +112,23 @@ def plane_cells(
                 m += 1
         sizes[c] = m - row
     return m
+
+
+@kernel
+def inertias(start, stop, points, face_pairs, face_cells, offsets, faces, centroids):
+    """Return ∫ |x − C|² of the cells start..stop − 1 about their centroids C.
+
+    The triangle C, a, b of an edge, with a and b relative to C, has a × b (a² + a·b + b²) / 12.
+    """
+    found = np.zeros(stop - start)
+    for c in range(start, stop):
+        x0, y0, total = centroids[c, 0], centroids[c, 1], 0.0
+        for h in range(offsets[c], offsets[c + 1]):
+            f = faces[h]
+            p, q = face_pairs[f, 0], face_pairs[f, 1]
+            ax, ay, bx, by = points[p, 0] - x0, points[p, 1] - y0, points[q, 0] - x0, points[q, 1] - y0
+            squares = ax * ax + ay * ay + ax * bx + ay * by + bx * bx + by * by
+            cross = ax * by - ay * bx
+            total += (cross if face_cells[f, 0] == c else -cross) * squares
+        found[c - start] = total / 12.0
+    return found

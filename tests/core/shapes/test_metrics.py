@@ -13,6 +13,8 @@ from shapely.affinity import rotate, scale
 
 from agglo_core import samples
 from agglo_core.errors import MeshError, OptionError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.measure import measure_levels
 from agglo_core.mesh import Mesh
 from agglo_core.registry import default
 from agglo_core.shapes.circle import circles
@@ -311,6 +313,22 @@ def test_components_are_counted_per_part() -> None:
     checkered = np.add.outer(np.arange(4), np.arange(4)).ravel() % 2
     np.testing.assert_array_equal(Components().measure(mesh, checkered), [8, 8])
     np.testing.assert_array_equal(Components().measure(mesh, np.repeat([0, 1, 0, 2], 4)), [2, 1, 1])
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_nested_levels_are_measured_as_each_level_alone(broken: bool) -> None:
+    mesh = samples.squares(8)
+    x, y = (mesh.cell_centroids * 8).astype(int).T
+    fine, coarse = 4 * (y // 2) + x // 2, 2 * (y // 4) + x // 4
+    if broken:  # parts exchange cells, within a part of the coarse level and across two
+        fine[[1, 2, 56, 63]] = fine[[2, 1, 63, 56]]
+        coarse = np.array([0, 0, 1, 1, 0, 0, 1, 1, 2, 2, 3, 3, 2, 2, 3, 3])[fine]
+    hierarchy = Hierarchy(mesh, mesh.graph, [fine, coarse], [{}, {}], nested=True)
+    for labels, level in zip(hierarchy.levels, measure_levels(mesh, hierarchy), strict=True):
+        np.testing.assert_array_equal(level.values["components"], Components().measure(mesh, labels))
+        np.testing.assert_array_equal(level.values["CR"], CircleRatio().measure(mesh, labels))
+        assert level.mesh.fingerprint == mesh.coarsen(labels).fingerprint
+    assert broken == (level.values["components"].max() > 1)
 
 
 def test_one_part_has_no_interface() -> None:
