@@ -29,22 +29,14 @@ def polyhedron_moments(
     vector: Float, centre: Float, face_cells: Int, offsets: Int, faces: Int
 ) -> tuple[Float, Float]:
     """Return volumes and centroids by the divergence theorem, from pyramids over each cell's faces."""
-    n = len(offsets) - 1
-    cells = np.repeat(np.arange(n), np.diff(offsets))
-    sign = np.where(face_cells[faces, 0] == cells, 1.0, -1.0)
-    return pyramid_moments(cells, vector[faces] * sign[:, None], centre[faces], n)
+    from agglo_core.mesh.kernels.solid_cells import solid_moments
 
-
-def pyramid_moments(cells: Int, vector: Float, centre: Float, n: int) -> tuple[Float, Float]:
-    """Return volumes and centroids of n cells from half-face centroids and outward area vectors."""
-    count = np.bincount(cells, minlength=n)[:, None]
-    apex = sum_by(cells, centre, n) / count
-    arm = centre - apex[cells]
-    thrice = (arm * vector).sum(axis=1)
-    total = np.bincount(cells, weights=thrice, minlength=n) / 3.0
-    moment = sum_by(cells, 0.25 * thrice[:, None] * arm, n)
-    safe = np.where(total != 0, total, 1.0)[:, None]
-    return frozen_float(total), frozen_float(apex + moment / safe)
+    moments = over_ranges(
+        lambda start, stop: solid_moments(start, stop, vector, centre, face_cells, offsets, faces),
+        len(offsets) - 1,
+    )
+    volume, centroid = zip(*moments, strict=True)
+    return frozen_float(np.concatenate(volume)), frozen_float(np.concatenate(centroid))
 
 
 def polyhedron_vertices(

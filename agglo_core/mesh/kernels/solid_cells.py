@@ -45,6 +45,79 @@ def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
 
 
 @kernel
+def solid_moments(start, stop, vector, centre, face_cells, offsets, faces):
+    """Return volumes (n,) and centroids (n, 3) of the cells start..stop − 1 by the divergence theorem.
+
+    The cell is divided into pyramids from the mean M of its face centroids over its faces. The pyramid over a
+    face with area vector a and centroid x has volume a · (x − M) / 3 and centroid M + 3 (x − M) / 4.
+    """
+    volume, centroid = np.empty(stop - start), np.empty((stop - start, 3))
+    for c in range(start, stop):
+        # 1. Mean of the face centroids.
+        mx, my, mz, count = 0.0, 0.0, 0.0, offsets[c + 1] - offsets[c]
+        for h in range(offsets[c], offsets[c + 1]):
+            f = faces[h]
+            mx, my, mz = mx + centre[f, 0], my + centre[f, 1], mz + centre[f, 2]
+        mx, my, mz = mx / count, my / count, mz / count
+        # 2. Sums of three times the volume, and of the first moments.
+        total, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
+        for h in range(offsets[c], offsets[c + 1]):
+            f = faces[h]
+            x, y, z = centre[f, 0] - mx, centre[f, 1] - my, centre[f, 2] - mz
+            thrice = x * vector[f, 0] + y * vector[f, 1] + z * vector[f, 2]
+            thrice = thrice if face_cells[f, 0] == c else -thrice
+            total += thrice
+            sx, sy, sz = sx + 0.25 * thrice * x, sy + 0.25 * thrice * y, sz + 0.25 * thrice * z
+        safe, i = total / 3.0 if total != 0.0 else 1.0, c - start
+        volume[i] = total / 3.0
+        centroid[i, 0], centroid[i, 1], centroid[i, 2] = mx + sx / safe, my + sy / safe, mz + sz / safe
+    return volume, centroid
+
+
+@kernel
+def face_inertias(points, offsets, vertices, vector, centre):
+    """Return ∫ |x − m|² / S of plane faces about their centroids m, with area S, by triangles from m."""
+    found = np.zeros(len(offsets) - 1)
+    for f in range(len(found)):
+        square = vector[f, 0] ** 2 + vector[f, 1] ** 2 + vector[f, 2] ** 2
+        v = vertices[offsets[f + 1] - 1]
+        ax, ay, az = points[v, 0] - centre[f, 0], points[v, 1] - centre[f, 1], points[v, 2] - centre[f, 2]
+        for h in range(offsets[f], offsets[f + 1]):
+            v = vertices[h]
+            bx, by, bz = points[v, 0] - centre[f, 0], points[v, 1] - centre[f, 1], points[v, 2] - centre[f, 2]
+            # The triangle m, a, b has the area (a × b) · n / 2 and the mean square (a² + a · b + b²) / 6.
+            area = (ay * bz - az * by) * vector[f, 0] + (az * bx - ax * bz) * vector[f, 1]
+            area += (ax * by - ay * bx) * vector[f, 2]
+            squares = ax * ax + ay * ay + az * az + ax * bx + ay * by + az * bz + bx * bx + by * by + bz * bz
+            found[f] += area * squares
+            ax, ay, az = bx, by, bz
+        found[f] = found[f] / (12.0 * square) if square > 0.0 else 0.0
+    return found
+
+
+@kernel
+def solid_inertias(start, stop, moments, vector, centre, face_cells, offsets, faces, centroids):
+    """Return ∫ |x − C|² of the cells start..stop − 1 about their centroids C, by pyramids over their faces.
+
+    A face with area S, centroid m and the ``moments`` ∫ |x − m|² / S = M, at the distance h from C,
+    contributes h S (|m − C|² + M) / 5.
+    """
+    found = np.zeros(stop - start)
+    for c in range(start, stop):
+        for h in range(offsets[c], offsets[c + 1]):
+            f = faces[h]
+            x, y, z = (
+                centre[f, 0] - centroids[c, 0],
+                centre[f, 1] - centroids[c, 1],
+                centre[f, 2] - centroids[c, 2],
+            )
+            height = x * vector[f, 0] + y * vector[f, 1] + z * vector[f, 2]  # multiplied by the area
+            share = height * (x * x + y * y + z * z + moments[f]) / 5.0
+            found[c - start] += share if face_cells[f, 0] == c else -share
+    return found
+
+
+@kernel
 def surfaces(offsets, vector, centre):
     """Sum areas, area vectors and fluxes over the faces of each cell.
 
