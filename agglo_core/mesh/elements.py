@@ -86,13 +86,15 @@ def _block(kind: str, cells: ArrayLike) -> Polyhedra:
     return Polyhedra(
         frozen_int(np.arange(n + 1) * len(table)),
         frozen_int(np.concatenate(([0], np.cumsum(sizes)))),
-        frozen_int(nodes[:, local].ravel()),
+        frozen_int(nodes.take(local, axis=1).ravel()),
     )
 
 
 def concatenate(parts: Iterable[Polyhedra]) -> Polyhedra:
     """Concatenate several arrays of polyhedra."""
     solids = list(parts)
+    if len(solids) == 1:
+        return solids[0]
     return Polyhedra(
         _join_offsets([part.cell_offsets for part in solids]),
         _join_offsets([part.loop_offsets for part in solids]),

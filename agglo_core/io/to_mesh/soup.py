@@ -198,6 +198,8 @@ def _solids(soup: Soup, cells: Int) -> Polyhedra:
     parts, cell_blocks = [soup.solids], [np.flatnonzero(soup.types == _POLYHEDRON)]
     for shape, types in _SHAPES.items():
         shape_cells = np.flatnonzero(np.isin(soup.types, types))
+        if not len(shape_cells):
+            continue
         order = np.asarray(_VOXEL) if shape == "voxel" else np.arange(CORNERS[shape])
         element = "hexahedron" if shape == "voxel" else shape
         nodes = soup.vertices[soup.offsets[shape_cells][:, None] + order]
