@@ -76,7 +76,7 @@ def cells_of(mesh: Mesh) -> Cells:
     for kind, element in _ELEMENTS.items():
         candidates = np.flatnonzero(_matches_counts(kind, solids, offsets) & ~has_bent_face)
         for start in range(0, len(candidates), _CHUNK):
-            cells, corners = _elements(mesh, solids, kind, candidates[start : start + _CHUNK])
+            cells, corners = _elements(mesh, solids, kind, frozen_int(candidates[start : start + _CHUNK]))
             types[cells] = element.number
             vertices[offsets[cells][:, None] + np.arange(CORNERS[kind])] = corners
     return Cells(types, offsets, frozen_int(vertices), solids, frozen_int(np.ones(mesh.n_cells)))
@@ -147,69 +147,37 @@ def _matches_counts(kind: str, solids: Polyhedra, vertex_offsets: Int) -> Mask:
 def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int, Int]:
     """Select the cells that are elements of a type, and return their corners in VTK's order ``(n, k)``.
 
-    One face and the edges that leave it determine the corners; then all faces are compared with the faces of
-    the element.
+    The cells have as many vertices, faces and face corners as the element.
     """
-    # Sort the faces of each cell by size and compare the sizes.
-    sizes = frozen_int(_ELEMENTS[kind].sizes)
-    _, loops = gather(solids.cell_offsets, frozen_int(cells))
-    owner = np.repeat(np.arange(len(cells)), len(sizes))
-    size = solids.loop_offsets[loops + 1] - solids.loop_offsets[loops]
-    order = np.lexsort((size != sizes[0], owner))
-    fits = (size[order].reshape(-1, len(sizes)) == sizes).all(axis=1)
-    cells, loops = cells[fits], loops[order].reshape(-1, len(sizes))[fits].ravel()
-    # Number the corners along the first face and across its edges.
-    around = solids.vertices[gather(solids.loop_offsets, frozen_int(loops))[1]].reshape(-1, sizes.sum())
-    reference = _reference(kind)
+    from agglo_core.io.vtk.element_kernels import match_elements
+
+    walk, following = _reference(kind)
     corners = np.empty((len(cells), CORNERS[kind]), np.int64)
-    corners[:, _walk(reference, sizes)[0]] = _walk(around, sizes)
-    # Compare all faces with the reference element.
-    expected = _triples(reference, frozen_int([range(CORNERS[kind])]), sizes)
-    is_element = (_triples(around, corners, sizes) == expected).all(axis=1)
-    element_cells, corners = frozen_int(cells[is_element]), frozen_int(corners[is_element])
+    fits = match_elements(cells, *solids, _ELEMENTS[kind].sizes[0], walk, following, corners)
+    element_cells, corners = frozen_int(cells[fits]), frozen_int(corners[fits])
     return element_cells, _rotate_corners(mesh, kind, element_cells, corners)
 
 
 @cache
-def _reference(kind: str) -> Int:
-    """Return the concatenated face vertices ``(1, c)`` of the reference element."""
+def _reference(kind: str) -> tuple[Int, Int]:
+    """Return the corners of an element along its first face and beyond, and the corner after each edge.
+
+    See ``match_elements``.
+    """
+    loops = [loop.tolist() for loop in _faces(kind)]
+    following = np.full((8, 8), -1)
+    for loop in loops:
+        for place, corner in enumerate(loop):
+            following[loop[place - 2], loop[place - 1]] = corner
+    base = next(loop for loop in loops if len(loop) == _ELEMENTS[kind].sizes[0])
+    beyond = [following[b, a] for a, b in zip(base, base[1:] + base[:1], strict=True)]
+    return frozen_int([*base, *beyond]), frozen_int(following)
+
+
+def _faces(kind: str) -> list[Int]:
+    """Return the corners of each face of an element, counter-clockwise from outside."""
     table = polyhedra_from_elements({kind: [range(CORNERS[kind])]})
-    sizes = np.diff(table.loop_offsets)
-    order = np.argsort(sizes != _ELEMENTS[kind].sizes[0], kind="stable")
-    return frozen_int(table.vertices[gather(table.loop_offsets, frozen_int(order))[1]][None])
-
-
-def _neighbours(sizes: Int) -> tuple[Int, Int]:
-    """Return for each entry of concatenated face loops the index of the previous and the next corner."""
-    ends = np.cumsum(sizes)
-    before, after = np.arange(ends[-1]) - 1, np.arange(ends[-1]) + 1
-    before[ends - sizes], after[ends - 1] = ends - 1, ends - sizes
-    return frozen_int(before), frozen_int(after)
-
-
-def _walk(around: Int, sizes: Int) -> Int:
-    """Return the vertices of each cell's first face, then their neighbours outside this face."""
-    before, after = _neighbours(sizes)
-    base, rows, tops = around[:, : sizes[0]], np.arange(len(around)), []
-    for here, there in zip(base.T, np.roll(base, -1, axis=1).T, strict=True):
-        meets = (around == here[:, None]) & (around[:, before] == there[:, None])
-        tops.append(around[rows, after[np.argmax(meets, axis=1)]])
-    return frozen_int(np.concatenate((base, np.stack(tops, axis=1)), axis=1))
-
-
-def _triples(around: Int, corners: Int, sizes: Int) -> Int:
-    """Encode each face corner and its two neighbours as one integer, sorted within each cell."""
-    local = _local(around, corners)
-    before, after = _neighbours(sizes)
-    return frozen_int(np.sort((local[:, before] * 8 + local) * 8 + local[:, after], axis=1))
-
-
-def _local(vertices: Int, corners: Int) -> Int:
-    """Return the local index of each vertex ``(n, c)`` among the corners ``(n, k)`` of its cell."""
-    local = np.zeros(vertices.shape, np.int64)
-    for place, corner in enumerate(corners.T):
-        local[vertices == corner[:, None]] = place
-    return frozen_int(local)
+    return np.split(table.vertices, table.loop_offsets[1:-1])
 
 
 def _rotate_corners(mesh: Mesh, kind: str, cells: Int, corners: Int) -> Int:
@@ -218,15 +186,18 @@ def _rotate_corners(mesh: Mesh, kind: str, cells: Int, corners: Int) -> Int:
     A mesh of elements then survives a round trip bit by bit. Without such a rotation the corners are
     unchanged.
     """
-    table = polyhedra_from_elements({kind: [range(CORNERS[kind])]})
+    from agglo_core.io.vtk.element_kernels import first_corners
+
+    faces = _faces(kind)
     rank = np.full((8, 8), -1)
-    starts = table.loop_offsets[:-1]
-    rank[table.vertices[starts], table.vertices[starts + 1]] = np.arange(len(starts))
-    faces = mesh.cell_faces[1][gather(mesh.cell_faces[0], cells)[1]].reshape(-1, len(starts))
-    is_owner = mesh.face_cells[faces, 0] == cells[:, None]
-    first, second = (_local(mesh.face_vertices[mesh.face_offsets[faces] + i], corners) for i in (0, 1))
+    for place, face in enumerate(faces):
+        rank[face[0], face[1]] = place
+    first, second = (np.empty((len(cells), len(faces)), np.int64) for _ in range(2))
+    first_corners(cells, *mesh.cell_faces, mesh.face_offsets, mesh.face_vertices, corners, first, second)
+    rows = mesh.cell_faces[1][mesh.cell_faces[0][cells][:, None] + np.arange(len(faces))]
+    is_owner = mesh.face_cells[rows, 0] == cells[:, None]
     turns = frozen_int(_turns(kind))
-    choice = turns_as_listed(first, second, is_owner, turns, frozen_int(rank))
+    choice = turns_as_listed(frozen_int(first), frozen_int(second), is_owner, turns, frozen_int(rank))
     order = np.where(choice[:, None] >= 0, turns[choice], np.arange(CORNERS[kind]))
     return frozen_int(np.take_along_axis(corners, order, axis=1))
 
