@@ -195,27 +195,21 @@ def measure_levels(
     # 1. Metrics and objectives.
     selection = select(RATIOS if metrics is None else metrics, registry)
     names = tuple(selection.metrics)
-    components = build_metrics(["components"], registry)
+    members = {**selection.metrics, **build_metrics(["components"], registry)}
     better = {name: getattr(metric.tool, "better", "high") for name, metric in selection.metrics.items()}
     levels: list[Level] = []
     with followed(progress, verbose) as listen, phase(listen, "measuring") as tell:
         for place, (labels, target) in enumerate(zip(hierarchy.levels, hierarchy.targets, strict=True)):
             level_progress = part(tell, place, len(hierarchy.levels), f"level {place}")
-            # 2. Coarsen the mesh of the level below if levels are nested. If its parts are connected, their
-            #    graph suffices to count components.
-            finer, parents, is_connected = mesh, labels, True
-            if place > 0 and hierarchy.nested:
-                finer, parents = levels[-1].mesh, hierarchy.parents(place - 1)
-                is_connected = bool((levels[-1].values["components"] == 1).all())
-            coarse = finer.coarsen(parents)
-            counted = (finer, coarse, parents) if is_connected else (mesh, coarse, labels)
+            # 2. Coarsen the mesh, or the mesh of the level below if levels are nested.
+            nested = place > 0 and hierarchy.nested
+            coarse = levels[-1].mesh.coarsen(hierarchy.parents(place - 1)) if nested else mesh.coarsen(labels)
             # 3. Measure the level.
             values = {
                 "cells": np.bincount(labels).astype(float),
                 "diameter": coarse.cell_diameters,
                 "measure": coarse.cell_measures,
-                **_evaluate_metrics(mesh, coarse, labels, selection.metrics, level_progress),
-                **_evaluate_metrics(*counted, components, level_progress),
+                **_evaluate_metrics(mesh, coarse, labels, members, level_progress),
             }
             objectives = {
                 objective.name: objective.value(hierarchy.graph, labels) for objective in selection.objectives

@@ -19,7 +19,6 @@ import numpy as np
 from agglo_core.arrays import Float, Int
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.graph import Graph, functionals, moves
-from agglo_core.graph.connection import parts_connected
 from agglo_core.mesh import Mesh
 from agglo_core.shapes.solid_shapes import ball_radii
 from agglo_core.threads import over_ranges
@@ -239,13 +238,11 @@ class Components:
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
         """Return the numbers of connected components ``(k,)``, 1 for connected agglomerates."""
-        parts, graph = mesh.check_labels(labels), mesh.graph
-        if parts_connected(graph.indptr, graph.indices, parts):
-            return np.ones(int(parts.max()) + 1)
-        component = graph.components(parts)
-        part_of = np.empty(int(component.max()) + 1, np.int64)
-        part_of[component] = parts
-        return np.bincount(part_of).astype(float)
+        from agglo_core.shapes.connected import count_components
+
+        parts = mesh.check_labels(labels)
+        found: Float = count_components(mesh.face_cells, parts, int(parts.max()) + 1).astype(float)
+        return found
 
 
 class Cells:

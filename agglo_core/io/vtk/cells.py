@@ -149,7 +149,7 @@ def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int
 
     The cells have as many vertices, faces and face corners as the element.
     """
-    from agglo_core.io.vtk.element_kernels import match_elements
+    from agglo_core.mesh.kernels.elements import match_elements
 
     walk, following = _reference(kind)
     corners = np.empty((len(cells), CORNERS[kind]), np.int64)
@@ -186,7 +186,7 @@ def _rotate_corners(mesh: Mesh, kind: str, cells: Int, corners: Int) -> Int:
     A mesh of elements then survives a round trip bit by bit. Without such a rotation the corners are
     unchanged.
     """
-    from agglo_core.io.vtk.element_kernels import first_corners
+    from agglo_core.mesh.kernels.elements import first_corners
 
     faces = _faces(kind)
     rank = np.full((8, 8), -1)

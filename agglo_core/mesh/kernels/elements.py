@@ -20,7 +20,7 @@ def _place(corners, v):
 
 @helper
 def _vertex_after(loop_offsets, vertices, first, last, a, b):
-    """Return the vertex after b in the face, of the loops first..last − 1, with the edge from a to b, or −1."""
+    """Return the vertex after the edge from a to b in the face of a cell that has this edge, or −1."""
     for loop in range(first, last):
         start, stop = loop_offsets[loop], loop_offsets[loop + 1]
         for h in range(start, stop):
