@@ -11,7 +11,8 @@ import click
 from agglo_core.cli.options.completion import any_names
 from agglo_core.cli.options.specs import as_typed
 from agglo_core.cli.output.console import print_json
-from agglo_core.cli.output.stdout import OwnCommand
+from agglo_core.cli.output.encoding import replace_unencodable
+from agglo_core.cli.output.stdout import OwnCommand, stdout
 from agglo_core.cli.output.tables import print_lines, print_table
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.registry import KINDS
@@ -79,6 +80,9 @@ def _show(component: str, results: list[Result]) -> None:
     counts = {state: sum(result.state == state for result in results) for state in order}
     others = [f"{counts[state]} {text}" for state, text in _OTHERS.items() if counts[state]]
     verdict = ", ".join([f"{counts['ok']} of {len(results)} laws hold", *others])
+    for result in first.values():
+        if result.code:  # not wrapped, so that it can be copied
+            click.echo(replace_unencodable(f"# {result.law} fails on\n{result.code}\n"), file=stdout())
     print_lines(f"{component}: {verdict}")
 
 

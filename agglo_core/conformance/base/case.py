@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,9 @@ from agglo_core.problems import Linear, MultigridLevel
 
 @dataclass(frozen=True)
 class Case:
-    """Test case: a name, and the arguments of one call to a component.
+    """Test case: a name, the arguments of one call to a component, and the code that makes drawn arguments.
+
+    ``mesh`` is the mesh of a drawn graph, if its cells are the nodes in their order.
 
     ================  =================================
     kind              arguments
@@ -39,7 +41,9 @@ class Case:
     """
 
     name: str
-    given: tuple[Any, ...]
+    given: tuple[Any, ...] = field(repr=False)
+    code: str = ""
+    mesh: Mesh | None = field(default=None, repr=False)
 
     @property
     def size(self) -> int | None:

@@ -78,7 +78,7 @@ class Subject:
         return tool if self.told is None else for_target(tool, self.told)
 
     def make(self, **extra_options: Any) -> Any:
-        """Build the component with additional options.
+        """Build the component with additional or replaced options.
 
         Exceptions of the constructor propagate. A class of problems is returned itself: problems are made
         from tables and meshes, not from options.
@@ -90,7 +90,7 @@ class Subject:
         if not self.takes_options:
             return self.given
         registry_option = {"registry": self.registry} if wants_registry(self.given) else {}
-        return self.given(**self.options, **extra_options, **registry_option)
+        return self.given(**{**self.options, **extra_options}, **registry_option)
 
     def problem(self, kind: str) -> Any:
         """Return the problem kind with this name in the registry: a class, or the result of a factory."""

@@ -15,11 +15,13 @@ class Broken(Exception):
         The fault and its remedy.
     cause : str
         Key of the cause; failures with equal keys are reported once. Empty if the fault is the law's own.
+    code : str
+        Lines of Python that make the arguments of the failing call; empty if they are not drawn.
     """
 
-    def __init__(self, message: str, cause: str = "") -> None:
+    def __init__(self, message: str, cause: str = "", code: str = "") -> None:
         super().__init__(message)
-        self.cause = cause
+        self.cause, self.code = cause, code
 
 
 def require(holds: object, message: str, cause: str = "") -> None:

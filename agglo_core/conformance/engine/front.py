@@ -96,6 +96,6 @@ def conformance(
         result = result_of(law)
         if result.state == "not run":
             pytest.skip(result.message)
-        assert result.passed, f"{subject.title}: {law}: {result.message}"
+        assert result.passed, f"{subject.title}: {law}: {result.message}\n\n{result.code}".rstrip()
 
     return test

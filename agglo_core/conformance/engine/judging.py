@@ -41,6 +41,8 @@ class Result:
         Promise that switched the law on.
     cause : str
         Key of the cause of a failure. Failures of one cause have equal keys; empty if there is no other.
+    code : str
+        Lines of Python that make the smallest input found that breaks the law, if inputs are drawn.
 
     Examples
     --------
@@ -58,6 +60,7 @@ class Result:
     seconds: float
     promise: str | None = None
     cause: str = ""
+    code: str = ""
 
     @property
     def passed(self) -> bool:
@@ -106,18 +109,18 @@ def judge(law: Law, subject: Subject) -> Result:
     """
     start, before = time.process_time(), Snapshot()
     state: State = "ok"
-    message, cause = "", ""
+    message, cause, code = "", "", ""
     try:
         law.judge(subject)
     except Broken as error:
-        state, message = "FAILS", str(error)
+        state, message, code = "FAILS", str(error), error.code
         cause = _cause(subject, error)
     except PLUGIN_FAILURES as error:
         state, message, cause = _blame(subject, error)
     seconds = time.process_time() - start
     if before.changed():
         before.restore()
-    return Result(law.name, law.sentence, state, message, seconds, law.promise, cause)
+    return Result(law.name, law.sentence, state, message, seconds, law.promise, cause, code)
 
 
 def report_once(results: Sequence[Result]) -> list[Result]:
@@ -127,7 +130,9 @@ def report_once(results: Sequence[Result]) -> list[Result]:
     for result in results:
         law = first.setdefault(result.cause, result.law) if result.state == "FAILS" and result.cause else ""
         repeated = bool(law) and law != result.law
-        reported.append(replace(result, message=f"the same fault as in {law}") if repeated else result)
+        reported.append(
+            replace(result, message=f"the same fault as in {law}", code="") if repeated else result
+        )
     return reported
 
 

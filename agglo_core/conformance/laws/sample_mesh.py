@@ -1,14 +1,19 @@
-"""Laws for a sample: the result is a mesh, and options are documented."""
+"""Laws for a sample: the result is a sound mesh, and options are documented and matter."""
 
 from __future__ import annotations
 
 import inspect
 import re
+from contextlib import suppress
+from itertools import pairwise
+
+from scipy.spatial import cKDTree
 
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
 from agglo_core.conformance.inputs.questions import in_words
+from agglo_core.errors import AggloError
 from agglo_core.mesh import Mesh
 from agglo_core.registry.options import options_of
 
@@ -28,7 +33,8 @@ def options_explained(subject: Subject) -> None:
     """Every option has an annotation, and is explained in the docstring or summary."""
     function = subject.target
     component = subject.record.component if subject.record else None
-    text = f"{inspect.getdoc(function) or ''} {component.summary if component else ''}"
+    texts = [inspect.getdoc(function), inspect.getdoc(type(function).__call__)]
+    text = " ".join(filter(None, [*texts, component.summary if component else ""]))
     for option in options_of(function) or ():
         require(
             option.type is not inspect.Parameter.empty,
@@ -39,6 +45,51 @@ def options_explained(subject: Subject) -> None:
             re.search(rf"\b{option.name}\b", text),
             f"option {option.name} is not documented: describe it in the docstring",
         )
+
+
+_SIZES = (2, 3, 5, 9, 16, 25, 40)
+_MANY = 3000  # cells; larger samples are not made
+_FEW = 5  # some samples make equal meshes for n = 2 and 3
+
+
+def _options(subject: Subject) -> set[str]:
+    return {option.name for option in options_of(subject.target) or ()}
+
+
+@law("sample", when=lambda subject: "seed" in _options(subject))
+def seed_matters(subject: Subject) -> None:
+    """With an option ``seed``, other seeds give other meshes."""
+    points = {subject.make(seed=seed).points.tobytes() for seed in (1, 2, 3)}
+    require(len(points) == 3, "meshes of the seeds 1, 2 and 3 are equal: draw from default_rng(seed)")
+
+
+@law("sample", when=lambda subject: "n" in _options(subject))
+def size_matters(subject: Subject) -> None:
+    """With an option ``n``, larger n from 3 to 40 give more cells."""
+    made = {}
+    for n in _SIZES:
+        with suppress(AggloError):  # some samples need a larger n
+            made[n] = subject.make(n=n)
+            if made[n].n_cells > _MANY:
+                break
+    counts = {n: mesh.n_cells for n, mesh in made.items()}
+    require(
+        len(counts) > 1 and all(counts[a] < counts[b] or b < _FEW for a, b in pairwise(counts)),
+        f"the numbers of cells by n are {counts}: more are expected for larger n, or an OptionError",
+    )
+
+
+@law("sample")
+def uncracked(subject: Subject) -> None:
+    """No two faces of the boundary lie in the same place, as along a crack of duplicate points."""
+    mesh = subject.build()
+    outer = mesh.face_centroids[mesh.face_cells[:, 1] < 0]
+    pairs = cKDTree(outer).query_pairs(1e-9 * mesh.h)
+    require(
+        not pairs,
+        f"{len(pairs)} pairs of boundary faces lie in the same place, for instance at "
+        f"{outer[next(iter(pairs))[0]] if pairs else ''}: give each point one number",
+    )
 
 
 @law("sample", promise="3d")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,8 @@ class Toy:
     def write(self, path, mesh, hierarchy=None):
         if mesh.dim != 2 or len(mesh.boundary_loops.loop_offsets) != mesh.n_cells + 1:
             raise MeshError("a toy file holds cells of the plane, without holes")
+        if hierarchy is not None:
+            raise FileError("a toy file holds no hierarchy")
         loops = mesh.boundary_loops
         cells = [loop.tolist() for loop in np.split(loops.vertices, loops.loop_offsets[1:-1])]
         tags = {name: values.tolist() for name, values in mesh.cell_tags.items()}
@@ -112,6 +115,36 @@ class SaysLossless(Toy):
     lossless = True
 
 
+class DropsTheHierarchy(Toy):
+    def write(self, path, mesh, hierarchy=None):
+        super().write(path, mesh)
+
+
+class ExchangesTags(Archive):
+    """Read the values of the tags in alphabetical order of their names."""
+
+    def read_hierarchy(self, path):
+        mesh, hierarchy = super().read_hierarchy(path)
+        tags = dict(
+            zip(mesh.cell_tags, [mesh.cell_tags[name] for name in sorted(mesh.cell_tags)], strict=True)
+        )
+        return replace(mesh, cell_tags=tags), hierarchy
+
+
+class WrapsLargeTags(Toy):
+    def read(self, path):
+        mesh = super().read(path)
+        tags = {name: tag.astype(np.int32).astype(int) for name, tag in mesh.cell_tags.items()}
+        return replace(mesh, cell_tags=tags)
+
+
+class TenDecimals(Toy):
+    """Write coordinates with ten decimals, too few for small meshes."""
+
+    def write(self, path, mesh, hierarchy=None):
+        super().write(path, replace(mesh, points=mesh.points.round(10)), hierarchy)
+
+
 class CoarsestFirst(Archive):
     def read_hierarchy(self, path):
         mesh, hierarchy = super().read_hierarchy(path)
@@ -179,6 +212,10 @@ MUTANTS = [
     Mutant("read_back", SixDigits, "17 digits"),
     Mutant("read_back", DropsTags, "'region'"),
     Mutant("lossless_kept", SaysLossless, "face_tags"),
+    Mutant("read_back", ExchangesTags, "differs"),
+    Mutant("read_back", WrapsLargeTags, "differs"),
+    Mutant("read_back", TenDecimals, "17 digits"),
+    Mutant("hierarchy_kept", DropsTheHierarchy, "refuse a hierarchy"),
     Mutant("hierarchy_kept", CoarsestFirst, "order of the levels"),
     Mutant("broken_files_refused", RaisesOnGarbage, "FileError"),
     Mutant("broken_files_refused", TakesWhatIsThere, "number of values read"),

@@ -63,6 +63,28 @@ def talks(n: int = 3) -> Mesh:
     return bars(n)
 
 
+def ignores_the_seed(seed: int = 0) -> Mesh:
+    """Return a bar, whatever the ``seed``."""
+    return bars(3)
+
+
+def clips(n: int = 3) -> Mesh:
+    """Return a bar with ``n`` cells, but at most 8."""
+    return bars(min(n, 8))
+
+
+def cracked() -> Mesh:
+    """Return two squares that have a side in common, but no points."""
+    left = small_meshes.grid(1, 1)
+    points = np.concatenate((left.points, left.points + np.array([1.0, 0.0])))
+    return Mesh(
+        points,
+        np.arange(0, 17, 2),
+        np.concatenate((left.face_vertices, left.face_vertices + 4)),
+        np.concatenate((left.face_cells, np.where(left.face_cells < 0, -1, 1))),
+    )
+
+
 CORRECT = [(bars, {}), (blocks, {"3d": True})]
 
 MUTANTS = [
@@ -70,6 +92,9 @@ MUTANTS = [
     Mutant("sample_is_mesh", only_points, "from_polygons", kind="sample"),
     Mutant("options_explained", unannotated, "annotation", kind="sample"),
     Mutant("options_explained", unexplained, "docstring", kind="sample"),
+    Mutant("seed_matters", ignores_the_seed, "default_rng(seed)", kind="sample"),
+    Mutant("size_matters", clips, "more are expected", kind="sample"),
+    Mutant("uncracked", cracked, "give each point one number", kind="sample"),
     Mutant("sample_in_space", flat, "drop the promise", {"3d": True}, kind="sample"),
     Mutant("same_seed_same_result", unseeded, "without a seed", kind="sample"),
     Mutant("global_random_state", from_global_state, "default_rng", kind="sample"),

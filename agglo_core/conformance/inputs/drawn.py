@@ -1,0 +1,358 @@
+"""Recipes for drawn test inputs: a few numbers for a mesh or graph, which a message shows as code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Literal
+from zlib import crc32
+
+import numpy as np
+
+from agglo_core import samples
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.mesh_changes import Change, renumber_mesh, transform_mesh
+from agglo_core.conformance.inputs.unusual_graphs import grow_regions
+from agglo_core.graph import Graph
+from agglo_core.mesh import Mesh
+
+PLANE = ("rectangles", "triangles", "hexagons", "voronoi", "hanging", "nonconvex", "hub", "ring", "comb")
+"""Families of drawn 2-D meshes, the simplest first."""
+
+SOLID = ("boxes", "tetrahedra", "prisms", "polyhedra", "voronoi3d")
+"""Families of drawn 3-D meshes, the simplest first."""
+
+Layout = Literal["strips", "grown", "noisy", "scattered", "alone"]
+LAYOUTS: tuple[Layout, ...] = ("strips", "grown", "noisy", "scattered", "alone")
+"""Layouts of labels: bands, connected ragged parts, these with stray cells, random cells, single cells."""
+
+WEIGHTS = ("measures", "ones", "steep", "uneven", "tiny", "zeros")
+"""Weights of drawn graphs; uneven weights are zero for some cells."""
+
+FACES = ("measures", "uneven", "thin")
+"""Interfaces of drawn graphs: as measured, times 0.1 to 10, or zero for every third."""
+
+VALUES = ("small", "negative", "large", "gmsh")
+"""Tag values: 0 to 2; −1 to 1; up to 2^53; −1 and 101."""
+
+
+class Recipe:
+    """Base class of recipes, whose text is the code that makes the input."""
+
+    def __repr__(self) -> str:
+        given = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        default = {f.name: f.default for f in fields(self)}  # type: ignore[arg-type]
+        changed = [f"{name}={value!r}" for name, value in given.items() if value != default[name]]
+        return f"{type(self).__name__}({', '.join(changed)})"
+
+
+@dataclass(frozen=True, repr=False)
+class DrawnMesh(Recipe):
+    """Recipe for a test mesh.
+
+    Parameters
+    ----------
+    family : str
+        Shape of the cells, one of :data:`PLANE` or :data:`SOLID`.
+    cells : int
+        Number of cells, at least 1; some families make a few more or fewer.
+    seed : int
+        Seed of random points and displacements.
+    jitter : float
+        Displacement of the vertices of rectangles and boxes, relative to their spacing.
+    grading : float
+        Ratio of the last extent to the first along each axis, for rectangles.
+    stretch : float
+        Factor for the second coordinate.
+    hole : bool
+        Leave out the middle cell of a mesh of at least 9 cells.
+    copies : int
+        Number of connected components.
+    turn : bool
+        Rotate the mesh.
+    shift, scale : float
+        Shift in mesh diameters, and scale factor.
+    renumbered : bool
+        Renumber cells, faces and points at random.
+    tags : tuple of (name, values)
+        Names of cell and face tags, with one of :data:`VALUES`.
+
+    Examples
+    --------
+    >>> from agglo_core.conformance import DrawnMesh
+    >>> recipe = DrawnMesh("voronoi", cells=9, scale=1e-8)
+    >>> recipe, recipe.mesh.n_cells
+    (DrawnMesh(family='voronoi', cells=9, scale=1e-08), 9)
+    """
+
+    family: str = "rectangles"
+    cells: int = 1
+    seed: int = 0
+    jitter: float = 0.0
+    grading: float = 1.0
+    stretch: float = 1.0
+    hole: bool = False
+    copies: int = 1
+    turn: bool = False
+    shift: float = 0.0
+    scale: float = 1.0
+    renumbered: bool = False
+    tags: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def dim(self) -> int:
+        """Dimension of space."""
+        return 3 if self.family in SOLID else 2
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh, built anew at each access."""
+        mesh = _family(self)
+        if self.hole and mesh.n_cells >= 9:
+            centres = mesh.local_centroids
+            middle = np.linalg.norm(centres - centres.mean(axis=0), axis=1).argmin()
+            mesh = _without_cell(mesh, int(middle))
+        for _ in range(self.copies - 1):
+            mesh = beside(mesh, _family(replace(self, hole=False)))
+        if self.stretch != 1.0:
+            mesh = replace(mesh, points=mesh.points * np.array([1.0, self.stretch, 1.0][: mesh.dim]))
+        mesh = transform_mesh(mesh, Change(turned=self.turn, away=self.shift, scale=self.scale))
+        if self.renumbered:
+            mesh = renumber_mesh(mesh, self.seed)[0]
+        cell_tags = {name: tag_values(name, values, mesh.n_cells) for name, values in self.tags}
+        outside = mesh.face_cells[:, 1] < 0
+        face_tags = {
+            name: np.where(outside, tag_values(name, values, mesh.n_faces), 0) for name, values in self.tags
+        }
+        name = f"{mesh.n_cells} {self.family}"
+        return replace(mesh, cell_tags=cell_tags, face_tags=face_tags, name=name)
+
+
+def tag_values(name: str, values: str, n: int) -> Int:
+    """Return ``n`` tag values of a sort in :data:`VALUES`, which differ from name to name."""
+    draw = np.random.default_rng(crc32(name.encode())).integers(3, size=n)
+    table = {
+        "small": (0, 1, 2),
+        "negative": (-1, 0, 1),
+        "large": (2**53 - 1, -(2**31) - 1, 300),
+        "gmsh": (-1, 101, 0),
+    }
+    return frozen_int(np.array(table[values], np.int64)[draw])
+
+
+def drawn_labels(graph: Graph, layout: Layout, parts: int, seed: int = 0) -> Int:
+    """Return labels 0, 1, … of at most ``parts`` parts per block of a graph, all of which occur."""
+    rng = np.random.default_rng(seed)
+    place = np.arange(graph.n) - graph.offsets[graph.block_ids]
+    counts = graph.sizes if layout == "alone" else np.minimum(graph.sizes, parts)
+    if layout == "alone":
+        return frozen_int(place)
+    shuffled = np.lexsort((rng.random(graph.n), graph.block_ids))  # the cells of each block in random order
+    if layout in ("grown", "noisy"):
+        # The first cells of each block are seeds of its parts; cells out of reach join part 0.
+        first = shuffled[place < counts[graph.block_ids]]
+        seeds = np.sort(first)
+        region = grow_regions(graph, frozen_int(seeds), rng) if len(seeds) else place
+        start = np.concatenate(([0], np.cumsum(counts)[:-1]))
+        labels = region - start[graph.block_ids]
+        labels = np.where((labels >= 0) & (labels < counts[graph.block_ids]), labels, 0)
+        if layout == "noisy":
+            rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+            stray = rng.random(len(rows)) < 0.1
+            strayed = labels.copy()
+            strayed[rows[stray]] = labels[graph.indices[stray]]
+            strayed[seeds] = labels[seeds]
+            labels = strayed
+        return frozen_int(labels)
+    if layout == "strips":
+        axis = int(np.argmax(np.ptp(graph.centroids, axis=0)))
+        order = np.lexsort((graph.centroids[:, axis], graph.block_ids))
+        labels = np.empty(graph.n, np.int64)
+        labels[order] = place * counts[graph.block_ids] // graph.sizes[graph.block_ids]
+        return frozen_int(labels)
+    labels = rng.integers(counts[graph.block_ids])
+    labels[shuffled] = np.where(place < counts[graph.block_ids], place, labels[shuffled])
+    return frozen_int(labels)
+
+
+@dataclass(frozen=True, repr=False)
+class DrawnGraph(Recipe):
+    """Recipe for the graph of a mesh, perhaps in several blocks.
+
+    Parameters
+    ----------
+    drawn : DrawnMesh
+        The mesh; its cell tags are data of the graph.
+    blocks : int
+        Number of connected blocks to grow.
+    weights : str
+        One of :data:`WEIGHTS`.
+    faces : str
+        One of :data:`FACES`.
+    barrier : bool
+        Remove the edges across the middle of the mesh, except for one in four.
+
+    Examples
+    --------
+    >>> from agglo_core.conformance import DrawnGraph, DrawnMesh
+    >>> DrawnGraph(DrawnMesh(cells=6), blocks=2).graph.n_blocks
+    2
+    """
+
+    drawn: DrawnMesh = DrawnMesh()
+    blocks: int = 1
+    weights: str = "measures"
+    faces: str = "measures"
+    barrier: bool = False
+
+    @property
+    def graph(self) -> Graph:
+        """The graph of connected blocks, built anew at each access."""
+        mesh = self.drawn.mesh
+        graph: Graph = mesh.graph
+        data = {name: frozen_float(tag.astype(float)) for name, tag in mesh.cell_tags.items()}
+        graph = replace(graph, weights=frozen_float(_weights(graph, self.weights)), data=data)
+        rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+        if self.faces != "measures":
+            pair = np.minimum(rows, graph.indices) * graph.n + np.maximum(rows, graph.indices)
+            factor = np.where((rows + graph.indices) % 3 == 0, 0.0, 1.0)
+            if self.faces == "uneven":
+                factor = 10.0 ** (2 * (pair * 0.618034 % 1) - 1)  # equal for both directions of an edge
+            graph = replace(graph, interface=frozen_float(graph.interface * factor))
+        if self.barrier:
+            right = graph.centroids[:, 0] > np.median(graph.centroids[:, 0])
+            across = right[rows] != right[graph.indices]
+            graph = graph.without_edges(across & ((rows + graph.indices) % 4 > 0))
+        if self.blocks > 1:
+            labels = drawn_labels(graph, "grown", min(self.blocks, graph.n), self.drawn.seed)
+            graph = graph.split(labels)[0]
+        component = graph.components(graph.block_ids)
+        if component.max() + 1 > graph.n_blocks:
+            graph = graph.split(component)[0]
+        return graph
+
+
+def _weights(graph: Graph, kind: str) -> Float:
+    rng, n = np.random.default_rng(graph.n), graph.n
+    if kind == "uneven":
+        return np.where(rng.random(n) < 0.2, 0.0, graph.measures * 10.0 ** rng.uniform(-3, 0, n))
+    return {
+        "measures": graph.measures,
+        "ones": np.ones(n),
+        "steep": 10.0 ** rng.uniform(-6, 6, n),
+        "tiny": 1e-12 * rng.uniform(1, 2, n),
+        "zeros": np.zeros(n),
+    }[kind]
+
+
+def _family(recipe: DrawnMesh) -> Mesh:
+    """Return the mesh of a family, near the origin and of a size near 1 per cell."""
+    n, seed = recipe.cells, recipe.seed
+    side = max(1, round(n**0.5))
+    if recipe.family == "rectangles":
+        return _rectangles(side, -(-n // side), recipe)
+    if recipe.family == "triangles":
+        if n < 4:
+            return _halves_of_squares(side, -(-n // (2 * side)))
+        return samples.random_triangles(max(1, n // 4), seed)
+    if recipe.family == "hexagons":
+        return small_meshes.hexagons(side, -(-n // side))
+    if recipe.family == "voronoi":
+        return samples.voronoi(n, seed)
+    if recipe.family == "hanging":
+        return small_meshes.mixed_polygons()
+    if recipe.family == "ring":
+        return small_meshes.ring(max(n, 3))
+    if recipe.family == "comb":
+        return small_meshes.comb()
+    if recipe.family == "hub":
+        around = small_meshes.ring(max(3 * n - 1, 3))
+        loops = around.boundary_loops
+        cells = [*np.split(loops.vertices, loops.loop_offsets[1:-1]), np.arange(around.n_cells)]
+        return Mesh.from_polygons(around.points, cells)
+    if recipe.family == "nonconvex":
+        fine = _rectangles(2 * side, 2 * -(-n // side), recipe)
+        return fine.coarsen(drawn_labels(fine.graph, "grown", n, seed))
+    return _solid(recipe)
+
+
+def _solid(recipe: DrawnMesh) -> Mesh:
+    n, seed = recipe.cells, recipe.seed
+    edge = max(1, round(n ** (1 / 3)))
+    if recipe.family == "boxes":
+        return small_meshes.boxes(-(-n // edge**2), edge, edge)
+    if recipe.family == "tetrahedra":
+        mesh = samples.tetrahedra(max(1, round((n / 6) ** (1 / 3))))
+        shifts = np.random.default_rng(seed).uniform(-0.05, 0.05, mesh.points.shape)
+        return replace(mesh, points=mesh.points + shifts * recipe.jitter)
+    if recipe.family == "prisms":
+        return samples.prisms(max(1, n // 6), 2, seed)
+    if recipe.family == "polyhedra":
+        fine = small_meshes.boxes(2 * -(-n // edge**2), 2 * edge, 2 * edge)
+        return fine.coarsen(drawn_labels(fine.graph, "grown", n, seed))
+    return samples.voronoi3d(max(n, 2), seed)
+
+
+def _rectangles(nx: int, ny: int, recipe: DrawnMesh) -> Mesh:
+    axes = [_graded_axis(count, recipe.grading) for count in (nx, ny)]
+    x, y = np.meshgrid(*axes)
+    points = np.stack((x.ravel(), y.ravel()), axis=1)
+    if recipe.jitter:
+        # Displace each vertex by a share of the smallest extent beside it.
+        spacing = [
+            np.minimum(np.append(np.diff(axis), np.inf), np.insert(np.diff(axis), 0, np.inf)) for axis in axes
+        ]
+        widths = np.stack([s.ravel() for s in np.meshgrid(*spacing)], axis=1)
+        points = points + widths * recipe.jitter * np.random.default_rng(recipe.seed).uniform(
+            -1, 1, points.shape
+        )
+    corner = (np.arange(ny)[:, None] * (nx + 1) + np.arange(nx)).ravel()
+    return Mesh.from_polygons(points, corner[:, None] + np.array([0, 1, nx + 2, nx + 1]))
+
+
+def _graded_axis(count: int, grading: float) -> Float:
+    extents = grading ** (np.arange(count) / max(count - 1, 1))
+    return np.concatenate(([0.0], np.cumsum(extents)))
+
+
+def _halves_of_squares(nx: int, ny: int) -> Mesh:
+    quads = small_meshes.grid(nx, ny)
+    a, b, c, d = quads.boundary_loops.vertices.reshape(-1, 4).T
+    return Mesh.from_polygons(quads.points, np.concatenate((np.stack((a, b, c), 1), np.stack((a, c, d), 1))))
+
+
+def _without_cell(mesh: Mesh, cell: int) -> Mesh:
+    """Return the mesh without a cell, whose faces join the boundary."""
+    number = np.arange(mesh.n_cells) - (np.arange(mesh.n_cells) > cell)
+    number[cell] = -1
+    cells = np.append(number, -1)[mesh.face_cells]
+    turned = (cells[:, 0] < 0) & (cells[:, 1] >= 0)
+    loops = np.split(mesh.face_vertices, mesh.face_offsets[1:-1])
+    kept = cells.max(axis=1) >= 0
+    loops = [
+        loop[::-1] if turn else loop for loop, turn, keep in zip(loops, turned, kept, strict=True) if keep
+    ]
+    cells = np.where(turned[:, None], cells[:, ::-1], cells)[kept]
+    return _compact(mesh.points, loops, cells)
+
+
+def beside(mesh: Mesh, other: Mesh) -> Mesh:
+    """Return both meshes as one mesh of separate components."""
+    gap = np.zeros(mesh.dim)
+    gap[0] = mesh.points[:, 0].max() - other.points[:, 0].min() + np.ptp(mesh.points[:, 0]) / 3
+    loops = [
+        *np.split(mesh.face_vertices, mesh.face_offsets[1:-1]),
+        *np.split(other.face_vertices + mesh.n_points, other.face_offsets[1:-1]),
+    ]
+    cells = np.where(other.face_cells < 0, -1, other.face_cells + mesh.n_cells)
+    return _compact(
+        np.concatenate((mesh.points, other.points + gap)), loops, np.concatenate((mesh.face_cells, cells))
+    )
+
+
+def _compact(points: Float, loops: list[Int], cells: Int) -> Mesh:
+    """Return the mesh of the faces given by their vertices and cells, without points that no face uses."""
+    vertices = np.concatenate(loops)
+    used, vertices = np.unique(vertices, return_inverse=True)
+    offsets = np.concatenate(([0], np.cumsum([len(loop) for loop in loops])))
+    return Mesh(points[used], offsets, vertices.ravel(), cells)

@@ -1,0 +1,203 @@
+"""Hypothesis strategies for test inputs: meshes, graphs, and test cases of each kind.
+
+All values are chosen from short lists, the simplest first, so that a failing input shrinks towards a small
+plain mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.inputs.cases import labelled_case, seeds_for
+from agglo_core.conformance.inputs.drawn import (
+    FACES,
+    LAYOUTS,
+    PLANE,
+    SOLID,
+    VALUES,
+    WEIGHTS,
+    DrawnGraph,
+    DrawnMesh,
+    Layout,
+    drawn_labels,
+)
+from agglo_core.errors import OptionError
+from agglo_core.graph import Graph
+
+try:
+    from hypothesis import strategies as st
+except ImportError as error:
+    raise OptionError(f'the laws need hypothesis: pip install "agglo[check]" ({error})') from error
+
+T = TypeVar("T")
+Draw = Callable[[Any], Any]
+
+NAMES = (
+    "material",
+    "region",
+    "a name, 50 %",
+    "Grösse",
+    "cells",
+    "points",
+    "boundary_of_the_lower_left_part_of_the_domain_1",
+    "boundary_of_the_lower_left_part_of_the_domain_2",
+)
+"""Names of drawn tags; the last two have a long common beginning."""
+
+
+SIZES = (1, 2, 3, 4, 5, 6, 9, 12, 16, 20, 30, 42, 63, 100, 150)
+"""Cell counts of drawn meshes."""
+
+
+@st.composite
+def one_of_values(draw: Draw, values: Sequence[T]) -> T:
+    """Draw one of at most 256 values, the simplest first.
+
+    The place is drawn in binary digits: hypothesis draws booleans alike everywhere, but integers also from
+    constants of the modules that the caller has imported, so that verdicts would not be reproducible.
+    """
+    place = 0
+    for _ in range(max(len(values) - 1, 0).bit_length()):
+        place = 2 * place + draw(st.booleans())
+    return values[place % len(values)]
+
+
+@st.composite
+def rarely(draw: Draw, values: Sequence[T]) -> T:
+    """Draw the first value in three cases of four, else another."""
+    usual = not (draw(st.booleans()) and draw(st.booleans()))
+    return values[0] if usual else draw(one_of_values(values[1:]))
+
+
+@st.composite
+def meshes(
+    draw: Draw,
+    families: Sequence[str] = PLANE,
+    sizes: Sequence[int] = SIZES,
+    *,
+    connected: bool = False,
+    shifts: Sequence[float] = (0.0, 3.0, 1e6),
+    stretches: Sequence[float] = (1.0, 0.02, 50.0),
+) -> DrawnMesh:
+    """Draw the recipe of a mesh.
+
+    Parameters
+    ----------
+    families, sizes : sequence
+        Families and cell counts to choose from.
+    connected : bool
+        Draw only meshes of one component.
+    shifts, stretches : sequence of float
+        Shifts to choose from, in mesh diameters, and factors of the second coordinate.
+    """
+    family = draw(one_of_values(families))
+    plain = family in ("rectangles", "nonconvex")
+    names = draw(rarely(((), NAMES[:1], NAMES[1:4], NAMES[4:][::-1], NAMES)))
+    return DrawnMesh(
+        family,
+        cells=draw(one_of_values(sizes)),
+        seed=draw(one_of_values(range(16))),
+        jitter=draw(one_of_values((0.0, 0.25))),
+        grading=draw(rarely((1.0, 30.0, 1e4))) if plain else 1.0,
+        stretch=draw(rarely(stretches)),
+        hole=draw(rarely((False, True))),
+        copies=1 if connected else draw(rarely((1, 2, 3))),
+        turn=draw(rarely((False, True))),
+        shift=draw(rarely(shifts)),
+        scale=draw(rarely((1.0, 1e-8, 1e8, 1e-3))),
+        renumbered=draw(one_of_values((False, True))),
+        tags=tuple((name, draw(one_of_values(VALUES))) for name in names),
+    )
+
+
+@st.composite
+def graphs(
+    draw: Draw, families: Sequence[str] = PLANE, sizes: Sequence[int] = SIZES, *, one_block: bool = False
+) -> DrawnGraph:
+    """Draw the recipe of a graph, connected with ``one_block``."""
+    return DrawnGraph(
+        draw(meshes(families, sizes, connected=one_block)),
+        blocks=1 if one_block else draw(rarely((1, 2, 5, 40))),
+        weights=draw(one_of_values((*WEIGHTS[:1], *WEIGHTS))),
+        faces=draw(one_of_values((*FACES, "measures"))),
+        barrier=not one_block and draw(rarely((False, True))),
+    )
+
+
+@st.composite
+def graph_cases(draw: Draw, subject: Subject, *, one_block: bool = False) -> Case:
+    """Draw a test case for a bisector, refiner or fixer, also in 3-D if it promises 3-D."""
+    families = (*PLANE, *SOLID) if subject.promised("3d") else PLANE
+    if subject.kind == "bisector":
+        return graph_case(subject.kind, draw(graphs(families, one_block=one_block)))
+    # Many cells and parts, because the rules for moves matter where several parts meet.
+    recipe = draw(graphs(families, (2, 1, 4, 9, 16, 30, 63, 100, 150), one_block=one_block))
+    layout, parts = draw(one_of_values(LAYOUTS)), draw(one_of_values((2, 3, 1, 5, 9)))
+    target = draw(one_of_values(("count", "size", "both")))
+    return graph_case(subject.kind, recipe, layout, parts, target)
+
+
+def graph_case(
+    kind: str, recipe: DrawnGraph, layout: Layout = "strips", parts: int = 1, target: str = "count"
+) -> Case:
+    """Return the test case for a drawn graph, with the code that makes its arguments."""
+    graph: Graph = recipe.graph
+    name, seed = f"a graph of {graph.n} {recipe.drawn.family}", recipe.drawn.seed
+    if graph.n_blocks > 1:
+        name += f" in {graph.n_blocks} blocks"
+    if kind == "bisector":
+        code = f"graph = {recipe!r}.graph"
+        return Case(name, (graph, seeds_for(graph.n_blocks, seed)), code)
+    labels = drawn_labels(graph, layout, parts, seed)
+    code = f"graph = {recipe!r}.graph\nlabels = drawn_labels(graph, {layout!r}, {parts}, {seed})"
+    case = labelled_case(kind, graph, name, labels, target, seed)
+    mesh = recipe.drawn.mesh if recipe.blocks == graph.n_blocks == 1 else None
+    return Case(name, case.given, code, mesh)
+
+
+@st.composite
+def run_cases(draw: Draw, subject: Subject) -> Case:
+    """Draw a mesh and a target for an agglomeration run: counts, a number of cells per part, or sizes."""
+    families = (*PLANE, *SOLID[:2]) if subject.promised("3d") else PLANE
+    recipe = draw(meshes(families, sizes=(4, 6, 9, 16, 30, 63, 100)))
+    mesh = recipe.mesh
+    most = max(mesh.n_cells // 3, recipe.copies)
+    counts = (most, max(most // 3, recipe.copies)) if most // 3 > recipe.copies else (most,)
+    target: dict[str, Any] = draw(
+        one_of_values(
+            ({"n_parts": counts}, {"cells_per_part": 3}, {"h_factor": 2.0}, {"h_factor": (1.5, 4.0)})
+        )
+    )
+    return Case(
+        f"{mesh.n_cells} {recipe.family}", (mesh, target), f"mesh = {recipe!r}.mesh\ntarget = {target}"
+    )
+
+
+@st.composite
+def metric_cases(draw: Draw, subject: Subject) -> Case:
+    """Draw a mesh with labels for a metric, also in 3-D if it promises 3-D."""
+    plane = meshes(PLANE, shifts=(0.0, 3.0))
+    # Circles and balls in thin parts are found less accurately in 3-D.
+    solid = meshes(SOLID, shifts=(0.0, 3.0), stretches=(1.0, 0.2, 5.0))
+    recipe = draw(solid if subject.promised("3d") and draw(st.booleans()) else plane)
+    layout, parts = draw(one_of_values(LAYOUTS)), draw(one_of_values((1, 2, 3, 5, 9)))
+    return metric_case(recipe, layout, parts)
+
+
+def metric_case(recipe: DrawnMesh, layout: Layout, parts: int) -> Case:
+    """Return the test case for a metric on a drawn mesh."""
+    mesh = recipe.mesh
+    labels = drawn_labels(mesh.graph, layout, parts, recipe.seed)
+    code = f"mesh = {recipe!r}.mesh\nlabels = drawn_labels(mesh.graph, {layout!r}, {parts}, {recipe.seed})"
+    return Case(f"{mesh.n_cells} {recipe.family} in {labels.max() + 1} parts", (mesh, labels), code)
+
+
+@st.composite
+def format_cases(draw: Draw, suffix: str) -> Case:
+    """Draw a mesh with tags for a file format, which may refuse it."""
+    recipe = draw(meshes((*PLANE, *SOLID)))
+    mesh = recipe.mesh
+    return Case(f"{mesh.n_cells} {recipe.family}", (mesh, suffix), f"mesh = {recipe!r}.mesh")
