@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conformance.mutants.bisectors import CrashesOnOneCell, NamesOfSides, SwapsSides
+from conformance.mutants.bisectors import Halves, LeftInOnePlace, NamesOfSides, SwapsSides
 from conformance.mutants.hanging import Dies
 from conformance.mutants.problems import Heat
 from conformance.mutants.samples import bars
 
 from agglo_core import Component, Diffusion, OptionError, PluginError, Registry, hookimpl
 from agglo_core.cli import main
+from agglo_core.cli.commands.check import _show
 from agglo_core.conformance import Result, check, conformance
 from agglo_core.conformance.base.law import Law
 from agglo_core.conformance.base.subject import subject_of
@@ -249,7 +250,7 @@ def test_an_object_cannot_be_sent() -> None:
 # --- pytest -----------------------------------------------------------------------------------------
 
 test_conformance = conformance("bisector:inertial")
-test_a_failure_that_is_known = conformance(CrashesOnOneCell, xfail={"survives": "never given one cell"})
+test_a_failure_that_is_known = conformance(LeftInOnePlace, xfail={"survives": "cells never coincide"})
 
 
 def test_the_pytest_front_fails_if_nothing_can_run() -> None:
@@ -259,23 +260,24 @@ def test_the_pytest_front_fails_if_nothing_can_run() -> None:
 
 def test_the_pytest_front_names_law_and_remedy() -> None:
     with pytest.raises(
-        AssertionError, match=r"CrashesOnOneCell: survives: on one cell: .*An answer is required here"
+        AssertionError,
+        match=r"LeftInOnePlace: survives: .* in the same place: .*return any halving",
     ):
-        conformance(CrashesOnOneCell)("survives")
+        conformance(LeftInOnePlace)("survives")
 
 
 def test_xfail_is_strict() -> None:
-    test = conformance(CrashesOnOneCell, xfail={"survives": "known"})
+    test = conformance(LeftInOnePlace, xfail={"survives": "known"})
     (mark,) = (m for m in test.pytestmark if m.name == "parametrize")  # type: ignore[attr-defined]
     marked = [p for p in mark.args[1] if not isinstance(p, str) and p.marks]
     assert [(p.values, p.marks[0].kwargs) for p in marked] == [
         (("survives",), {"strict": True, "reason": "known"})
     ]
-    assert len(mark.args[1]) == 1 + len(laws_for(subject_of(CrashesOnOneCell)))
+    assert len(mark.args[1]) == 1 + len(laws_for(subject_of(LeftInOnePlace)))
     with pytest.raises(OptionError, match="'survive', which is not a law"):
-        conformance(CrashesOnOneCell, xfail={"survive": "misspelt"})
+        conformance(LeftInOnePlace, xfail={"survive": "misspelt"})
     with pytest.raises(AssertionError, match="'symmetric', which does not apply"):
-        conformance(CrashesOnOneCell, xfail={"symmetric": "not asked"})("is_found")
+        conformance(LeftInOnePlace, xfail={"symmetric": "not asked"})("is_found")
 
 
 class NoBounds:
@@ -293,6 +295,33 @@ def test_one_cause_is_reported_once() -> None:
     assert "homogeneity is None" in messages.pop("declares_itself")
     assert len(messages) > 5
     assert set(messages.values()) == {"the same fault as in declares_itself"}
+
+
+class FailsOnTags(Halves):
+    """A bisector that cannot split meshes with the tag ``region``."""
+
+    def bisect(self, graph: Any, rng: Any) -> Any:
+        if "region" in graph.data:
+            raise KeyError("region")
+        return super().bisect(graph, rng)
+
+
+def test_drawn_input_is_small_reproducible_and_shown_as_code(capsys: pytest.CaptureFixture[str]) -> None:
+    (result,) = check(FailsOnTags, laws=["side_array"])
+    assert check(FailsOnTags, laws=["side_array"])[0].code == result.code
+    _show("mine", [result])
+    assert result.code in capsys.readouterr().out
+    names: dict[str, Any] = {}
+    exec(result.code, names)
+    assert names["graph"].n <= 9
+    assert "region" in names["graph"].data
+
+
+def test_without_hypothesis_the_error_names_the_extra() -> None:
+    code = "import sys; sys.modules['hypothesis'] = None; from agglo_core.conformance import check; "
+    command = [sys.executable, "-c", f"{code} check('metric:cells')"]
+    process = subprocess.run(command, capture_output=True, text=True)
+    assert 'OptionError: the laws need hypothesis: pip install "agglo[check]"' in process.stderr
 
 
 def test_an_error_of_the_suite_is_not_blamed_on_the_component() -> None:

@@ -31,26 +31,9 @@ def first_failure(subject: Subject) -> tuple[str, str]:
     return "", ""
 
 
-def test_the_number_of_laws() -> None:
+def test_names_of_laws_are_unique() -> None:
     laws = all_laws()
-    assert len(laws) == len({law.name for law in laws}) == 140
-    assert {kind: sum(kind in law.kinds for law in laws) for kind in KINDS} == {
-        "bisector": 36,
-        "refiner": 32,
-        "fixer": 34,
-        "metric": 40,
-        "solver": 50,
-        "format": 18,
-        "sample": 8,
-        "problem": 18,
-        "discretisation": 17,
-        "smoother": 32,
-        "transfer": 16,
-        "coarse_operator": 15,
-        "coarse_solver": 15,
-        "constraint": 20,
-        "section": 16,
-    }
+    assert len(laws) == len({law.name for law in laws})
 
 
 def test_a_law_says_in_one_sentence_what_it_wants() -> None:

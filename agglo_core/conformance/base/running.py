@@ -21,23 +21,19 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.registry import Component, Record, Registry, hookimpl
 
-_TARGETS: Sequence[Mapping[str, Any]] = ({"n_parts": (9, 4)}, {"h_factor": (2.0, 4.0)})
 
-
-def runs_with(subject: Subject) -> Iterator[tuple[str, Hierarchy]]:
-    """Agglomerate small meshes with the component, and yield each run's description and hierarchy.
+def runs_with(subject: Subject, mesh: Mesh, target: Mapping[str, Any]) -> Iterator[tuple[str, Hierarchy]]:
+    """Agglomerate a mesh with the component in each of its roles, and yield description and hierarchy.
 
     Exceptions of the run propagate.
     """
     from agglo_core.agglomeration.one_call import agglomerate
 
     choice, registry = _choose_component(subject)
-    for mesh in _meshes(subject):
-        for roles in _roles(subject, choice):
-            for target in _TARGETS:
-                (kind, value), *_ = target.items()
-                description = f"on {mesh.name}, {roles['method']}, {kind}={value}"
-                yield description, agglomerate(mesh, **roles, **target, registry=registry)
+    for roles in _roles(subject, choice):
+        (kind, value), *_ = target.items()
+        description = f"on {mesh.name}, {roles['method']}, {kind}={value}"
+        yield description, agglomerate(mesh, **roles, **target, registry=registry)
 
 
 def runs_both_ways(subject: Subject) -> Iterator[tuple[str, Hierarchy, Hierarchy]]:

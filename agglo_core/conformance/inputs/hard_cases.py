@@ -6,17 +6,24 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy import sparse
 
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes, unusual_graphs
 from agglo_core.conformance.inputs.cases import labelled_case, laplacian, seeds_for, stripes
-from agglo_core.conformance.inputs.multigrid_cases import multigrid_level, question
-from agglo_core.conformance.inputs.unusual_graphs import clumps, fresh, ragged_levels
+from agglo_core.conformance.inputs.multigrid_cases import (
+    PARTS,
+    coarsening_of,
+    laplacian_of,
+    level_of,
+    question,
+)
+from agglo_core.conformance.inputs.unusual_graphs import clumps, fresh
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
-from agglo_core.problems import Diffusion
+from agglo_core.problems import Diffusion, MultigridLevel
 from agglo_core.protocols import Target
 
 _KWAY_PARTS = (2, 5)
@@ -25,33 +32,22 @@ SIBLINGS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother")
 """Kinds with cases on different meshes of equal size."""
 
 
-def unusual_cases(kind: str) -> list[Case]:
-    """Return test cases on unusual graphs with a single block.
-
-    The list is empty for kinds without graph.
-    """
-    graphs = unusual_graphs.graphs_by_description()
+def large_cases(kind: str) -> list[Case]:
+    """Return test cases on a chain of 2,000 cells and on 600 cells, in hundreds of parts."""
+    chain, graph = small_meshes.line(2000), small_meshes.grid(25, 24, jitter=0.2).graph
     if kind == "bisector":
         return [
-            Case(name, (graph, seeds_for(1, place))) for place, (name, graph) in enumerate(graphs.items())
+            Case("a chain of 2000 cells", (chain, seeds_for(1))),
+            Case("600 cells", (graph, seeds_for(1))),
         ]
-    if kind not in ("refiner", "fixer"):
-        return []
-    # Clumps with stray cells, and two stripes, on each graph.
-    label_cases = []
-    for name, graph in graphs.items():
-        label_cases.append(labelled_case(kind, graph, name, clumps(graph, 5, strays=0.1), "size"))
-        label_cases.append(labelled_case(kind, graph, f"{name}, in two parts", stripes(graph, 2), "count"))
-    # Many parts on few cells: pairs, single cells, a single part, and parts in pieces.
-    graph = graphs["600 cells"]
     hundreds = {
         "600 cells in 300 parts": np.arange(600) // 2,
         "600 cells, each alone": np.arange(600),
-        "600 cells in one part": np.zeros(600),
         "600 cells in 150 parts, some of them disconnected": clumps(graph, 150, strays=0.2),
     }
-    return label_cases + [
-        labelled_case(kind, graph, name, frozen_int(labels), "both") for name, labels in hundreds.items()
+    return [
+        labelled_case(kind, chain, "a chain of 2000 cells", frozen_int(np.arange(2000) // 1500), "size"),
+        *(labelled_case(kind, graph, name, frozen_int(labels), "both") for name, labels in hundreds.items()),
     ]
 
 
@@ -115,24 +111,6 @@ def many_parts(kind: str) -> Case:
     return labelled_case(kind, level, name, frozen_int(labels), "both")
 
 
-def as_many_components(kind: str) -> Case:
-    """Return a test case with a block of two parts and a block of three parts.
-
-    Each block has three connected components.
-    """
-    level = fresh(small_meshes.line(24).subgraph(np.arange(24), [0, 12, 24]))
-    return labelled_case(
-        kind, level, "blocks of two and three parts", frozen_int(np.repeat([0, 1, 0, 0, 1, 2], 4)), "both"
-    )
-
-
-def ragged_cases(kind: str) -> list[Case]:
-    """Return test cases on pieces of realistic meshes, split into parts with ragged borders."""
-    return [
-        labelled_case(kind, graph, name, labels, "both") for name, (graph, labels) in ragged_levels().items()
-    ]
-
-
 def partitions(seed: int = 0) -> list[Case]:
     """Return test cases for direct k-way partitions."""
     meshes = [mesh for mesh in small_meshes.plane_meshes() if mesh.n_cells > max(_KWAY_PARTS)]
@@ -173,7 +151,24 @@ def siblings(kind: str, *, partition: bool = False) -> Iterator[Case]:
     elif kind == "smoother":
         for make in _MESHES:
             graph = make().graph
-            yield question("63 cells", multigrid_level(graph, stripes(graph, 4), corrected=True))
+            yield question(
+                "63 cells", level_of(graph, laplacian_of(graph), stripes(graph, 4), corrected=True)
+            )
+        yield from (question("63 cells, in reverse order", level) for level in _of_equal_trace())
+    elif kind in PARTS:
+        for level in _of_equal_trace():
+            step = coarsening_of(level, 1)
+            given = {"transfer": (step,), "coarse_operator": (step, step.injected)}
+            b = frozen_float(1.0 + np.arange(len(level.labels)))
+            yield Case("63 cells, in reverse order", given.get(kind, (step.A, b)))
+
+
+def _of_equal_trace() -> Iterator[MultigridLevel]:
+    """Yield levels whose matrices have equal size, trace, norm and entries, in reverse order."""
+    graph = _wide_grid().graph
+    A = laplacian_of(graph, "uneven")
+    for matrix in (A, sparse.csr_array(A[::-1, ::-1])):
+        yield level_of(graph, matrix, stripes(graph, 4))
 
 
 def _of_bisectors(partition: bool) -> Iterator[Case]:

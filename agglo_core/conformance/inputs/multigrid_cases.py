@@ -1,8 +1,9 @@
-"""Test cases for multigrid components: small positive definite systems with a coarser level."""
+"""Test cases for multigrid components: positive definite systems on drawn meshes, with a coarser level."""
 
 from __future__ import annotations
 
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Any, Final, Literal
 
 import numpy as np
 from scipy import sparse
@@ -10,50 +11,126 @@ from scipy.sparse.linalg import splu
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.drawn import DrawnGraph, DrawnMesh, Layout, Recipe, drawn_labels
 from agglo_core.graph import Graph
 from agglo_core.problems import Coarsening, MultigridLevel, Patches
 
+PARTS: Final = ("transfer", "coarse_operator", "coarse_solver")
+"""Kinds with cases in this module."""
 
-def levels() -> list[Case]:
-    """Return two-level Poisson test cases for smoothers, with one or three unknowns per cell.
+Couplings = Literal["even", "uneven", "wide"]
+COUPLINGS: tuple[Couplings, ...] = ("even", "uneven", "wide")
+"""Couplings of drawn systems: by the interfaces, times 1 to 100, or times 1e-3 to 1e3."""
 
-    The matrix is a slightly shifted graph Laplacian; ``x`` is random and not a solution. One level has a
-    coarse correction.
+
+_NINE = DrawnGraph(DrawnMesh(cells=9))
+_SQUARES = DrawnGraph(DrawnMesh(cells=64))
+
+
+@dataclass(frozen=True, repr=False)
+class DrawnLevel(Recipe):
+    """Recipe for a multigrid level: a shifted graph Laplacian with a coarser level.
+
+    Parameters
+    ----------
+    drawn : DrawnGraph
+        The cells, in one connected block.
+    layout, parts : str, int
+        Coarse parts, as in :func:`drawn_labels`.
+    width : int
+        Number of unknowns per cell.
+    couplings : str
+        One of :data:`COUPLINGS`.
+    shift : float
+        Diagonal term relative to the mean coupling.
+    steps : int
+        Smoothing steps.
+    corrected : bool
+        Pass the coarse correction to the smoother.
+    rediscretised : bool
+        Make the inherited matrix differ from the matrix of the level.
+
+    Examples
+    --------
+    >>> from agglo_core.conformance import DrawnGraph, DrawnLevel, DrawnMesh
+    >>> DrawnLevel(DrawnGraph(DrawnMesh(cells=9)), width=2).level.A.shape
+    (18, 18)
     """
-    squares = small_meshes.grid(8, 8)
-    jittered = small_meshes.grid(9, 7, jitter=0.2)
-    row, column = np.divmod(np.arange(64), 8)
-    fours = frozen_int(row // 2 * 4 + column // 2)
-    sevens = frozen_int(np.arange(63) // 9)
-    named_levels = {
-        "squares": multigrid_level(squares.graph, fours, corrected=False),
-        "squares with a coarse correction": multigrid_level(squares.graph, fours, corrected=True),
-        "quadrilaterals": multigrid_level(jittered.graph, sevens, corrected=False),
-        "three unknowns per cell": multigrid_level(squares.graph, fours, per_cell=3, corrected=False),
-    }
-    return [question(name, level) for name, level in named_levels.items()]
+
+    drawn: DrawnGraph = _NINE
+    layout: Layout = "strips"
+    parts: int = 2
+    width: int = 1
+    couplings: Couplings = "even"
+    shift: float = 0.05
+    steps: int = 1
+    corrected: bool = False
+    rediscretised: bool = False
+
+    @property
+    def level(self) -> MultigridLevel:
+        """The level as smoothers receive it."""
+        graph = self.drawn.graph
+        labels = drawn_labels(graph, self.layout, self.parts, self.drawn.drawn.seed)
+        A = laplacian_of(graph, self.couplings, self.shift, self.drawn.drawn.seed)
+        return level_of(
+            graph,
+            A,
+            labels,
+            per_cell=self.width,
+            corrected=self.corrected,
+            steps=self.steps,
+            rediscretised=self.rediscretised,
+        )
+
+    @property
+    def smoothing(self) -> tuple[MultigridLevel, Float, Float]:
+        """The arguments of a smoother: level, right-hand side and approximation."""
+        given: tuple[MultigridLevel, Float, Float] = question("", self.level).given
+        return given
+
+    @property
+    def coarsening(self) -> tuple[Coarsening, Any]:
+        """The arguments of a coarse operator: the step to the coarser level, and its prolongation."""
+        step = coarsening_of(self.level, self.width)
+        return step, step.injected
+
+    @property
+    def system(self) -> tuple[Any, Float]:
+        """The arguments of a coarse solver: matrix and right-hand side."""
+        step, _ = self.coarsening
+        return step.A, _load(step.A.shape[0])
 
 
-def single_unknown() -> list[Case]:
-    """Return a test case for smoothers with a single unknown."""
-    graph = small_meshes.grid(1, 1).graph
-    return [question("one unknown", multigrid_level(graph, frozen_int([0]), corrected=False))]
+def laplacian_of(graph: Graph, couplings: Couplings = "even", shift: float = 0.05, seed: int = 0) -> Any:
+    """Return the shifted graph Laplacian ``(n, n)``, with couplings of mean about 1."""
+    decades = {"even": (0.0, 0.0), "uneven": (0.0, 2.0), "wide": (-3.0, 3.0)}[couplings]
+    upper = sparse.triu(graph.to_scipy(), format="coo")
+    mean = float(upper.data.mean()) if upper.nnz else 1.0
+    weights = upper.data / mean * 10.0 ** np.random.default_rng(seed).uniform(*decades, upper.nnz)
+    links = sparse.csr_array(sparse.coo_array((weights, upper.coords), shape=upper.shape))
+    links = links + links.T
+    return sparse.csr_array(sparse.diags_array(links.sum(axis=1) + shift) - links)
 
 
-def multigrid_level(
-    graph: Graph, labels: Int, *, per_cell: int = 1, corrected: bool, shift: float = 0.05
+def level_of(
+    graph: Graph,
+    scalar: Any,
+    labels: Int,
+    *,
+    per_cell: int = 1,
+    corrected: bool = False,
+    steps: int = 2,
+    rediscretised: bool = False,
 ) -> MultigridLevel:
-    """Return a finest multigrid level whose coarse unknowns are the parts of ``labels``.
+    """Return a multigrid level whose coarse unknowns are the parts of ``labels``.
 
-    Each patch is a cell with its neighbours.
+    ``scalar`` is the matrix for one unknown per cell. Each patch is a cell with its neighbours.
     """
-    # Shifted graph Laplacian and piecewise constant prolongation, repeated for the unknowns of a cell.
-    adjacency = sparse.csr_array(graph.to_scipy())
-    scalar = sparse.diags_array(adjacency.sum(axis=1) + shift) - adjacency
     inject = sparse.csr_array((np.ones(graph.n), (np.arange(graph.n), labels)))
     A = sparse.csr_array(sparse.kron(scalar, _coupling(per_cell)))
     P = sparse.csr_array(sparse.kron(inject, sparse.eye_array(per_cell)))
+    P.eliminate_zeros()
     offsets = frozen_int(np.arange(graph.n + 1) * per_cell)
     solve = splu(sparse.csc_array(P.T @ A @ P)).solve
 
@@ -61,10 +138,31 @@ def multigrid_level(
         return np.asarray(P @ solve(P.T @ residual))
 
     # Patches from the rows of adjacency plus identity.
-    cells = frozen_int(np.arange(graph.n))
-    around = sparse.csr_array(adjacency + sparse.eye_array(graph.n))
+    around = sparse.csr_array(graph.to_scipy() + sparse.eye_array(graph.n))
     patches = Patches(frozen_int(around.indptr), frozen_int(around.indices))
-    return MultigridLevel(A, A, offsets, cells, P, correction if corrected else None, 2, patches)
+    inherited = sparse.csr_array(A + 0.5 * sparse.diags_array(A.diagonal())) if rediscretised else A
+    cells = frozen_int(np.arange(graph.n))
+    return MultigridLevel(A, inherited, offsets, cells, P, correction if corrected else None, steps, patches)
+
+
+def levels() -> list[Case]:
+    """Return the standard test cases for smoothers, with one or three unknowns per cell.
+
+    One level has a coarse correction. ``x`` is random and not a solution.
+    """
+    jittered = DrawnGraph(DrawnMesh(cells=63, jitter=0.25))
+    recipes = {
+        "squares": DrawnLevel(_SQUARES, "grown", 16, steps=2),
+        "squares with a coarse correction": DrawnLevel(_SQUARES, "grown", 16, steps=2, corrected=True),
+        "quadrilaterals": DrawnLevel(jittered, parts=7, steps=2),
+        "three unknowns per cell": DrawnLevel(_SQUARES, "grown", 16, width=3, steps=2),
+    }
+    return [Case(name, recipe.smoothing) for name, recipe in recipes.items()]
+
+
+def single_unknown() -> list[Case]:
+    """Return a test case for smoothers with a single unknown."""
+    return [Case("one unknown", DrawnLevel(DrawnGraph()).smoothing)]
 
 
 def _coupling(width: int) -> Float:
@@ -76,52 +174,49 @@ def question(name: str, level: MultigridLevel) -> Case:
     """Return the test case to smooth a random ``x`` on a multigrid level."""
     n = level.A.shape[0]
     x = np.random.default_rng(n).standard_normal(n)
-    b = np.cos(np.arange(n) + 1.0)
-    return Case(name, (level, frozen_float(b), frozen_float(x)))
+    return Case(name, (level, _load(n), frozen_float(x)))
 
 
-PARTS: Final = ("transfer", "coarse_operator", "coarse_solver")
-"""Kinds with cases in this module."""
+def _load(n: int) -> Float:
+    return frozen_float(1.0 + np.cos(np.arange(n) + 1.0))  # with a constant part, the smoothest mode
 
 
 def coarsenings(kind: str) -> list[Case]:
-    """Return test cases that coarsen a shifted graph Laplacian with one or three unknowns per cell."""
-    squares, jittered = small_meshes.grid(8, 8), small_meshes.grid(9, 7, jitter=0.2)
-    row, column = np.divmod(np.arange(64), 8)
-    fours = frozen_int(row // 2 * 4 + column // 2)
-    steps = {
-        "squares": _step(squares.graph, fours, 1),
-        "quadrilaterals": _step(jittered.graph, frozen_int(np.arange(63) // 9), 1),
-        "three unknowns per cell": _step(squares.graph, fours, 3),
+    """Return the standard test cases of coarsenings, with one or three unknowns per cell."""
+    jittered = DrawnGraph(DrawnMesh(cells=63, jitter=0.25))
+    recipes = {
+        "squares": DrawnLevel(_SQUARES, "grown", 16),
+        "quadrilaterals": DrawnLevel(jittered, parts=7),
+        "three unknowns per cell": DrawnLevel(_SQUARES, "grown", 16, width=3),
     }
-    return [_question(kind, name, step) for name, step in steps.items()]
+    return [coarsening_case(kind, name, recipe) for name, recipe in recipes.items()]
 
 
 def one_part(kind: str) -> list[Case]:
     """Return degenerate coarsenings: of a single cell, and of a mesh into a single part."""
-    cell, squares = small_meshes.grid(1, 1).graph, small_meshes.grid(4, 3).graph
-    steps = {
-        "one unknown": _step(cell, frozen_int([0]), 1),
-        "all in one part": _step(squares, frozen_int(np.zeros(12)), 1),
+    recipes = {
+        "one unknown": DrawnLevel(DrawnGraph()),
+        "all in one part": DrawnLevel(DrawnGraph(DrawnMesh(cells=12)), parts=1),
     }
-    return [_question(kind, name, step) for name, step in steps.items()]
+    return [coarsening_case(kind, name, recipe) for name, recipe in recipes.items()]
 
 
-def _question(kind: str, name: str, step: Coarsening) -> Case:
+def coarsening_case(kind: str, name: str, recipe: DrawnLevel) -> Case:
+    """Return the test case of a transfer, coarse operator or coarse solver, with the code that makes it."""
     if kind == "coarse_solver":
-        return Case(name, (step.A, frozen_float(np.cos(np.arange(step.A.shape[0]) + 1.0))))
-    return Case(name, (step,) if kind == "transfer" else (step, step.injected))
+        return Case(name, recipe.system, f"A, b = {recipe!r}.system")
+    given: tuple[Any, ...] = recipe.coarsening
+    return Case(name, given[:1] if kind == "transfer" else given, f"step, P = {recipe!r}.coarsening")
 
 
-def _step(graph: Graph, labels: Int, width: int) -> Coarsening:
-    level = multigrid_level(graph, labels, per_cell=width, corrected=False)
+def coarsening_of(level: MultigridLevel, width: int) -> Coarsening:
+    """Return the step from a level to the coarser one, with constants as near-null vectors."""
     A, P = (sparse.bsr_array(matrix, blocksize=(width, width)) for matrix in (level.A, level.P))
-    near_null = np.kron(np.ones((graph.n, 1)), np.eye(width))
-    cell_labels = frozen_int(np.arange(graph.n))
+    n = len(level.labels)
+    parents = frozen_int(level.P[::width].indices // width)
 
     def rediscretised() -> Any:
         return sparse.csr_array(0.9 * (P.T @ (A @ P)))
 
-    return Coarsening(
-        A, level.block_offsets, cell_labels, labels, labels, frozen_float(near_null), P, rediscretised
-    )
+    near_null = frozen_float(np.kron(np.ones((n, 1)), np.eye(width)))
+    return Coarsening(A, level.block_offsets, level.labels, parents, parents, near_null, P, rediscretised)

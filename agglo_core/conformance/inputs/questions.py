@@ -21,13 +21,11 @@ from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken
 from agglo_core.conformance.inputs.cases import cases, cases_in_3d, level_case
 from agglo_core.conformance.inputs.hard_cases import (
-    as_many_components,
     crowd_case,
     large_case,
+    large_cases,
     many_parts,
     partitions,
-    ragged_cases,
-    unusual_cases,
 )
 from agglo_core.conformance.inputs.speed import drop_slow_cases
 from agglo_core.errors import AggloError
@@ -83,21 +81,20 @@ def questions(subject: Subject, seed: int = 0) -> list[Case]:
     return select_accepted(subject, in_space(subject))
 
 
-def every_graph(subject: Subject) -> list[Case]:
-    """Return all test cases on graphs for a bisector, refiner or fixer: standard, unusual, many blocks.
+def large_graphs(subject: Subject) -> list[Case]:
+    """Return the test cases on large graphs and many blocks for a bisector, refiner or fixer.
 
-    A bisector without ``bisect_level`` is called once per block and gets fewer blocks. A bisector with a
-    fallback is not required to split thousands of two-cell blocks. Slow refiners and fixers get only small
-    cases.
+    Small graphs are drawn. A bisector without ``bisect_level`` is called once per block and gets fewer
+    blocks. A bisector with a fallback is not required to split thousands of two-cell blocks. Slow refiners
+    and fixers get only small cases.
     """
     kind = subject.kind
-    ordinary = [*cases(kind), *unusual_cases(kind), level_case(kind)]
+    ordinary = [*large_cases(kind), level_case(kind)]
     if kind == "bisector":
         if not subject.has("bisect_level"):
             return [*ordinary, crowd_case(kind, 40)]
         return [*ordinary, crowd_case(kind), *([] if subject.fallback else [many_parts(kind)])]
-    levels = [as_many_components(kind), crowd_case(kind), *ragged_cases(kind), many_parts(kind)]
-    return drop_slow_cases(subject, [*ordinary, *levels])
+    return drop_slow_cases(subject, [*ordinary, crowd_case(kind), many_parts(kind)])
 
 
 def in_space(subject: Subject) -> list[Case]:

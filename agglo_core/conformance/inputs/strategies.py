@@ -7,6 +7,7 @@ plain mesh.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from agglo_core.conformance.base.case import Case
@@ -24,6 +25,7 @@ from agglo_core.conformance.inputs.drawn import (
     Layout,
     drawn_labels,
 )
+from agglo_core.conformance.inputs.multigrid_cases import COUPLINGS, DrawnLevel, coarsening_case
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 
@@ -68,7 +70,7 @@ def one_of_values(draw: Draw, values: Sequence[T]) -> T:
 @st.composite
 def rarely(draw: Draw, values: Sequence[T]) -> T:
     """Draw the first value in three cases of four, else another."""
-    usual = not (draw(st.booleans()) and draw(st.booleans()))
+    usual = len(values) == 1 or not (draw(st.booleans()) and draw(st.booleans()))
     return values[0] if usual else draw(one_of_values(values[1:]))
 
 
@@ -201,3 +203,36 @@ def format_cases(draw: Draw, suffix: str) -> Case:
     recipe = draw(meshes((*PLANE, *SOLID)))
     mesh = recipe.mesh
     return Case(f"{mesh.n_cells} {recipe.family}", (mesh, suffix), f"mesh = {recipe!r}.mesh")
+
+
+@st.composite
+def levels(draw: Draw, sizes: Sequence[int] = (9, 1, 2, 4, 16, 30, 42, 63)) -> DrawnLevel:
+    """Draw the recipe of a multigrid level on a connected mesh."""
+    return DrawnLevel(
+        DrawnGraph(draw(meshes(sizes=sizes, connected=True, shifts=(0.0,)))),
+        layout=draw(one_of_values(LAYOUTS[:3])),
+        parts=draw(one_of_values((2, 1, 3, 5, 9))),
+        width=draw(one_of_values((1, 1, 2, 3))),
+        couplings=draw(one_of_values(COUPLINGS)),
+        shift=draw(one_of_values((0.05, 1.0))),
+        steps=draw(one_of_values((1, 2, 3, 4))),
+        corrected=draw(rarely((False, True))),
+        rediscretised=draw(one_of_values((False, True))),
+    )
+
+
+@st.composite
+def smoother_cases(draw: Draw, subject: Subject) -> Case:
+    """Draw a level with right-hand side and approximation for a smoother."""
+    recipe = draw(levels())
+    given = recipe.smoothing
+    return Case(f"a level of {len(given[1])} unknowns", given, f"level, b, x = {recipe!r}.smoothing")
+
+
+@st.composite
+def coarsening_cases(draw: Draw, subject: Subject) -> Case:
+    """Draw a test case for a transfer, coarse operator or coarse solver, with nearly singular matrices."""
+    sizes = (9, 1, 2, 4, 16, 42, 63) if subject.kind != "coarse_solver" else (9, 1, 2, 16, 63, 200, 400)
+    recipe = replace(draw(levels(sizes)), shift=draw(one_of_values((0.05, 1.0, 1e-6))))
+    case = coarsening_case(subject.kind, "", recipe)
+    return replace(case, name=f"a level of {recipe.level.A.shape[0]} unknowns")

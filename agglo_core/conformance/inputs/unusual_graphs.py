@@ -22,28 +22,6 @@ _LARGE = 2000
 """Size of the large block in the middle of a crowd."""
 
 
-def graphs_by_description() -> dict[str, Graph]:
-    """Return unusual connected graphs of one block, keyed by a description, with new arrays in each call."""
-    builders: dict[str, Callable[[], Graph]] = {
-        "cells whose weights are not their measures": _uneven,
-        "cells whose measures differ by a factor of a million": _graded_rectangles,
-        "cells without weight": _weightless,
-        "interfaces, a third of them without measure": _thin,
-        "a cell with 300 neighbours": _hub,
-        "triangles of random points": _random_triangles,
-        "cells on both sides of a slit": _slit,
-        "600 cells": _six_hundred,
-        "a chain of 2000 cells": _chain,
-        "cells whose weights differ by a factor of a trillion": _steep,
-        "cells that weigh a trillionth": lambda: _grid_of_weight(1e-12),
-        "cells that weigh a trillion": lambda: _grid_of_weight(1e12),
-        "cells of size 1e-8": lambda: _grid_of_size(1e-8),
-        "cells of size 1e8": lambda: _grid_of_size(1e8),
-        "cells far from the origin": _far,
-    }
-    return {name: fresh(build()) for name, build in builders.items()}
-
-
 def fresh(graph: Graph) -> Graph:
     """Return a copy of a graph, so that a component cannot corrupt the cached original."""
     values = {f.name: getattr(graph, f.name) for f in fields(graph)}
@@ -118,107 +96,6 @@ def clumps(graph: Graph, parts: int, strays: float = 0.0) -> Int:
     return frozen_int(labels)
 
 
-@cache
-def _uneven() -> Graph:
-    mesh = small_meshes.grid(12, 10, jitter=0.2)
-    shifted_mesh = map_points(mesh, lambda points: points + np.array([-4e5, -7e5]))
-    rng = np.random.default_rng(2)
-    east = shifted_mesh.local_centroids[:, 0] / np.ptp(shifted_mesh.local_centroids[:, 0])
-    weights = np.exp(4.0 * east) * 10.0 ** rng.uniform(-3, 0, mesh.n_cells)
-    weights[rng.choice(mesh.n_cells, 12, replace=False)] = 0.0
-    data = {"material": rng.integers(5, size=mesh.n_cells), "velocity": rng.random((mesh.n_cells, 3))}
-    graph: Graph = replace(shifted_mesh.graph, weights=weights, data=data)
-    return graph.subgraph(rng.permutation(graph.n), [0, graph.n])
-
-
-@cache
-def _graded_rectangles() -> Graph:
-    """Return the graph of rectangles that grow geometrically along both axes."""
-    graph: Graph = map_points(small_meshes.grid(14, 14), lambda points: 1600.0 ** (points / 14)).graph
-    return graph
-
-
-@cache
-def _weightless() -> Graph:
-    graph: Graph = small_meshes.grid(11, 9, jitter=0.2).graph
-    return replace(graph, weights=np.zeros(graph.n))
-
-
-@cache
-def _steep() -> Graph:
-    graph: Graph = small_meshes.grid(10, 9, jitter=0.2).graph
-    return replace(graph, weights=10.0 ** np.random.default_rng(8).uniform(-6, 6, graph.n))
-
-
-@cache
-def _grid_of_weight(weight: float) -> Graph:
-    graph: Graph = small_meshes.grid(8, 7, jitter=0.2).graph
-    return replace(graph, weights=weight * np.random.default_rng(9).uniform(1, 2, graph.n))
-
-
-@cache
-def _grid_of_size(size: float) -> Graph:
-    graph: Graph = map_points(small_meshes.grid(9, 8, jitter=0.2), lambda points: size * points).graph
-    return graph
-
-
-@cache
-def _far() -> Graph:
-    """Return a graph with centroids far from the origin.
-
-    It is shifted without its mesh, because centroids of a mesh are relative to its middle.
-    """
-    graph: Graph = small_meshes.grid(9, 7, jitter=0.2).graph
-    shift = np.array([4e6, -7e6])
-    return replace(graph, centroids=graph.centroids + shift, points=graph.points + shift)
-
-
-@cache
-def _thin() -> Graph:
-    graph: Graph = small_meshes.grid(13, 9, jitter=0.2).graph
-    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-    thin = (np.minimum(rows, graph.indices) + np.maximum(rows, graph.indices)) % 3 == 0
-    return replace(graph, interface=np.where(thin, 0.0, graph.interface))
-
-
-@cache
-def _random_triangles() -> Graph:
-    """Return the graph of random triangles, where many cells meet at a point but few share a side."""
-    graph: Graph = samples.random_triangles(60, seed=3).graph
-    return graph
-
-
-@cache
-def _slit() -> Graph:
-    """Return the graph of a grid with a slit: cells with a common side but no edge between them."""
-    graph: Graph = small_meshes.grid(9, 8, jitter=0.2).graph
-    row, column = np.divmod(np.arange(graph.n), 9)
-    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-    across = (np.minimum(column[rows], column[graph.indices]) == 4) & (column[rows] != column[graph.indices])
-    slit: Graph = graph.without_edges(across & (row[rows] < 6))
-    return slit
-
-
-@cache
-def _hub() -> Graph:
-    n = 300
-    ring = small_meshes.ring(n)
-    cells = [*np.split(ring.boundary_loops.vertices, n), np.arange(n)]
-    graph: Graph = Mesh.from_polygons(ring.points, cells).graph
-    return graph
-
-
-@cache
-def _six_hundred() -> Graph:
-    graph: Graph = small_meshes.grid(25, 24, jitter=0.2).graph
-    return graph
-
-
-@cache
-def _chain() -> Graph:
-    return small_meshes.line(2000)
-
-
 def map_points(mesh: Mesh, move: Callable[[Float], Float]) -> Mesh:
     """Return a mesh with its points ``(p, 2)`` transformed by a function."""
     loops = mesh.boundary_loops
@@ -229,16 +106,6 @@ def map_points(mesh: Mesh, move: Callable[[Float], Float]) -> Mesh:
 _PIECE = 30  # cells per piece
 _RAGGED = 1.5  # standard deviation of the log travel time between adjacent cells
 _NOISE = 0.2  # fraction of border cells in every other block that get a neighbour's label
-
-
-def ragged_levels() -> dict[str, tuple[Graph, Int]]:
-    """Return graphs of many blocks by mesh name, with labels of 2 to 5 ragged parts in each block."""
-    meshes = {"Voronoi cells": _voronoi, "triangles": _triangles, "hexagons": _hexagons}
-    levels = {f"a level of pieces of {name}": _fresh_level(make) for name, make in meshes.items()}
-    uneven = {
-        f"{name} with uneven weights and faces": _with_uneven_faces(*level) for name, level in levels.items()
-    }
-    return levels | uneven
 
 
 def ragged_level_in_space() -> tuple[Graph, Int]:
@@ -257,17 +124,6 @@ def grow_regions(graph: Graph, seeds: Int, rng: np.random.Generator) -> Int:
     links = sparse.csr_array((times, graph.indices, graph.indptr), shape=(graph.n, graph.n))
     first: Int = dijkstra(links, indices=seeds, min_only=True, return_predecessors=True)[2]
     return frozen_int(np.searchsorted(seeds, first))
-
-
-def _with_uneven_faces(level: Graph, labels: Int) -> tuple[Graph, Int]:
-    """Return the graph with random weights and interface measures, and the unchanged labels."""
-    rng = np.random.default_rng(5)
-    rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
-    edges = np.minimum(rows, level.indices) * level.n + np.maximum(rows, level.indices)
-    edge = np.unique(edges, return_inverse=True)[1]
-    interface = 10.0 ** rng.uniform(-1, 1, len(rows))[edge]
-    weights = 10.0 ** rng.uniform(-1, 1, level.n)
-    return fresh(replace(level, weights=weights, interface=interface)), labels
 
 
 def _fresh_level(make: Callable[[], Mesh]) -> tuple[Graph, Int]:
@@ -306,18 +162,6 @@ def _noisy(level: Graph, labels: Int, seeds: Int, rng: np.random.Generator) -> I
     new_labels[rows[noise]] = labels[level.indices[noise]]
     new_labels[seeds] = labels[seeds]
     return frozen_int(new_labels)
-
-
-def _voronoi() -> Mesh:
-    return samples.voronoi(2400, 3)
-
-
-def _triangles() -> Mesh:
-    return samples.random_triangles(500, 3)
-
-
-def _hexagons() -> Mesh:
-    return samples.hexagons(30)
 
 
 def _tetrahedra() -> Mesh:

@@ -14,13 +14,15 @@ from agglo_core.agglomeration.border import one_sided_blocks
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.conformance.base.asking import for_target
 from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
 from agglo_core.conformance.inputs import small_meshes
-from agglo_core.conformance.inputs.cases import cases, seeds_for
-from agglo_core.conformance.inputs.hard_cases import crowd_case, unusual_cases
-from agglo_core.conformance.inputs.questions import answer, as_array, every_graph, in_words, plain, same
+from agglo_core.conformance.inputs.cases import seeds_for
+from agglo_core.conformance.inputs.hard_cases import crowd_case, large_cases
+from agglo_core.conformance.inputs.questions import answer, as_array, in_words, large_graphs, plain, same
+from agglo_core.conformance.inputs.strategies import graph_cases
 from agglo_core.conformance.process.fresh_import import import_again
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
@@ -49,42 +51,40 @@ def _bisects(subject: Subject) -> bool:
     return subject.has("bisect_level") or subject.has("bisect")
 
 
-@law("bisector")
-def side_array(subject: Subject) -> None:
+@drawn_law("bisector", draw=graph_cases, fixed=large_graphs)
+def side_array(subject: Subject, case: Case) -> None:
     """Sides form an array of integers, booleans or floats of shape (n,), with one side per cell."""
-    for case in every_graph(subject):
-        result = answer(subject, subject.build(), case)
-        sides = as_array(result)
-        require(
-            sides.shape == (case.size,) and sides.dtype.kind in "iubf",
-            f"on {case.name}: it returned {in_words(result)}, expected an array of shape ({case.size},) of "
-            "integers, booleans or floats: one side for each cell",
-        )
+    result = answer(subject, subject.build(), case)
+    sides = as_array(result)
+    require(
+        sides.shape == (case.size,) and sides.dtype.kind in "iubf",
+        f"on {case.name}: it returned {in_words(result)}, expected an array of shape ({case.size},) of "
+        "integers, booleans or floats: one side for each cell",
+    )
 
 
-@law("bisector")
-def side_values(subject: Subject) -> None:
+@drawn_law("bisector", draw=graph_cases)
+def side_values(subject: Subject, case: Case) -> None:
     """Sides are 0 and 1, or floats from 0 to 1 for the probability of side 1."""
-    for case in every_graph(subject):
-        sides = np.asarray(answer(subject, subject.build(), case))
-        low, high = sides.min(), sides.max()
-        if sides.dtype.kind == "f":
-            require(
-                low >= 0 and high <= 1,
-                f"on {case.name}: floats lie in {low:g}..{high:g}, expected probabilities of side 1 in 0..1: "
-                "map scores there (1 / (1 + np.exp(-scores))), or return integers (scores > 0)",
-            )
+    sides = np.asarray(answer(subject, subject.build(), case))
+    low, high = sides.min(), sides.max()
+    if sides.dtype.kind == "f":
         require(
             low >= 0 and high <= 1,
-            f"on {case.name}: sides are {low}..{high}, expected 0 and 1: subtract the smallest label",
+            f"on {case.name}: floats lie in {low:g}..{high:g}, expected probabilities of side 1 in 0..1: "
+            "map scores there (1 / (1 + np.exp(-scores))), or return integers (scores > 0)",
         )
+    require(
+        low >= 0 and high <= 1,
+        f"on {case.name}: sides are {low}..{high}, expected 0 and 1: subtract the smallest label",
+    )
 
 
 @law("bisector", when=has_for_target)
 def told_the_target(subject: Subject) -> None:
     """The bisector returned by for_target splits pieces in two, unaffected by calls for other targets."""
     # Expected answers: from a freshly imported component for each target.
-    test_cases = [_long_piece(), unusual_cases("bisector")[0], crowd_case("bisector", 40)]
+    test_cases = [_long_piece(), *large_cases("bisector")[1:], crowd_case("bisector", 40)]
     expected = {}
     for target in _targets_taken(subject):
         with import_again(subject) as unused:
@@ -155,20 +155,21 @@ def _both_sides(subject: Subject, tool: Any, case: Case, target: Target) -> NDAr
     return sides
 
 
-@law("bisector", when=_bisects)
-def two_sides(subject: Subject) -> None:
-    """Both sides of a piece with at least two cells are nonempty (mostly, if a fallback is declared)."""
-    bad, pieces = [], 0
-    for case in every_graph(subject):
-        graph = case.given[0]
-        alike = one_sided(graph, plain(subject, subject.build(), case))
-        pieces += graph.n_blocks
-        bad += [f"{case.name}, a piece of {graph.sizes[block]} cells" for block in alike]
-    max_bad = pieces // 2 if subject.fallback else 0
+@drawn_law(
+    "bisector",
+    draw=graph_cases,
+    fixed=large_graphs,
+    when=lambda subject: _bisects(subject) and not subject.fallback,
+)
+def two_sides(subject: Subject, case: Case) -> None:
+    """Both sides of a piece with at least two cells are nonempty, unless a fallback is declared."""
+    graph = case.given[0]
+    bad = one_sided(graph, plain(subject, subject.build(), case))
     require(
-        len(bad) <= max_bad,
-        f"on {'; '.join(bad[:3])}: all cells are on one side: split at the median where your rule finds no "
-        "cut, or declare fallback='inertial' (Component) for a model that may fail",
+        not len(bad),
+        f"on {case.name}: all cells of a piece of {graph.sizes[bad[:1]]} cells are on one side: split at the "
+        "median where your rule finds no cut, or declare fallback='inertial' (Component) for a model that "
+        "may fail",
     )
 
 
@@ -179,37 +180,39 @@ def _partitions(subject: Subject) -> bool:
     return subject.partitions
 
 
-@law("bisector", when=_partitions)
-def kway_labels(subject: Subject) -> None:
+def _whole_graphs(subject: Subject) -> Any:
+    return graph_cases(subject, one_block=True)
+
+
+@drawn_law("bisector", draw=_whole_graphs, fixed=lambda _: large_cases("bisector"), when=_partitions)
+def kway_labels(subject: Subject, case: Case) -> None:
     """A direct partition returns integer labels from 0 to parts − 1, of shape (n,)."""
-    for case in [*cases("bisector"), *unusual_cases("bisector")]:
-        graph = case.given[0]
-        for parts in {1, *(k for k in _PARTS if k <= graph.n), min(graph.n, 300)}:
-            result = _partition(subject, case, parts)
-            labels = as_array(result)
-            require(
-                labels.shape == (graph.n,) and labels.dtype.kind in "iub",
-                f"on {case.name}: partition returned {in_words(result)}, expected ({graph.n},) integers",
-            )
-            require(
-                labels.min() >= 0 and labels.max() < parts,
-                f"on {case.name}: labels {labels.min()}..{labels.max()} for {parts} parts, expected "
-                f"0..{parts - 1}",
-            )
+    graph = case.given[0]
+    for parts in {1, *(k for k in _PARTS if k <= graph.n), min(graph.n, 300)}:
+        result = _partition(subject, case, parts)
+        labels = as_array(result)
+        require(
+            labels.shape == (graph.n,) and labels.dtype.kind in "iub",
+            f"on {case.name}: partition returned {in_words(result)}, expected ({graph.n},) integers",
+        )
+        require(
+            labels.min() >= 0 and labels.max() < parts,
+            f"on {case.name}: labels {labels.min()}..{labels.max()} for {parts} parts, expected "
+            f"0..{parts - 1}",
+        )
 
 
-@law("bisector", when=_partitions)
-def kway_parts(subject: Subject) -> None:
-    """At least half of the requested parts are nonempty if no cell outweighs a part (others are dropped)."""
-    for case in [*cases("bisector"), *unusual_cases("bisector")]:
-        weights = case.given[0].weights
-        for parts in (k for k in _PARTS if 2 * k <= len(weights) and k * weights.max() <= weights.sum()):
-            n_nonempty = len(np.unique(_partition(subject, case, parts)))
-            require(
-                2 * n_nonempty >= parts and n_nonempty > 1,
-                f"on {case.name}: {n_nonempty} parts are nonempty of {parts}: target.parts is the requested "
-                "count",
-            )
+@drawn_law("bisector", draw=_whole_graphs, when=_partitions)
+def kway_parts(subject: Subject, case: Case) -> None:
+    """At least half of the requested parts are nonempty if no cell has the weight of half a part."""
+    weights = case.given[0].weights
+    for parts in (k for k in _PARTS if 2 * k <= len(weights) and 2 * k * weights.max() <= weights.sum()):
+        n_nonempty = len(np.unique(_partition(subject, case, parts)))
+        require(
+            2 * n_nonempty >= parts and n_nonempty > 1,
+            f"on {case.name}: {n_nonempty} parts are nonempty of {parts}: target.parts is the number "
+            "requested",
+        )
 
 
 def _partition(subject: Subject, case: Case, parts: int) -> Any:

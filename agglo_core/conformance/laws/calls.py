@@ -29,7 +29,7 @@ from agglo_core.conformance.base.surroundings import Snapshot, enter_empty_folde
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs.cases import cases, level_case, part_of_level
 from agglo_core.conformance.inputs.early_ends import early_ends
-from agglo_core.conformance.inputs.hard_cases import SIBLINGS, crowd_case, many_parts, siblings, unusual_cases
+from agglo_core.conformance.inputs.hard_cases import SIBLINGS, crowd_case, large_cases, many_parts, siblings
 from agglo_core.conformance.inputs.multigrid_cases import PARTS
 from agglo_core.conformance.inputs.questions import (
     answer,
@@ -65,7 +65,7 @@ def _sibling_cases(subject: Subject) -> list[Case]:
     return list(_each_sibling_case(subject))
 
 
-@law(*SIBLINGS)
+@law(*SIBLINGS, *PARTS)
 def nothing_carried_over(subject: Subject) -> None:
     """Calls on other meshes of equal size in between change no result: no cache confuses them."""
     # Expected answers: each from a freshly imported component.
@@ -232,9 +232,7 @@ def _measure_usage(subject: Subject, tool: Any) -> Float:
     The rounds end when a round adds nothing. Free lists and bounded caches fill during the first rounds,
     which takes longer if a component makes many internal calls. Leaked memory grows in every round.
     """
-    sizable = drop_slow_cases(
-        subject, [case for case in unusual_cases(subject.kind) if case.size == _SIZABLE]
-    )
+    sizable = drop_slow_cases(subject, [case for case in _sizable(subject.kind) if case.size == _SIZABLE])
     case, usage = next(iter(sizable or _each_sibling_case(subject))), list[tuple[int, int, int]]()
     tracemalloc.start()
     try:
@@ -246,6 +244,10 @@ def _measure_usage(subject: Subject, tool: Any) -> Float:
     finally:
         tracemalloc.stop()
     return np.array(usage, float)
+
+
+def _sizable(kind: str) -> list[Case]:
+    return large_cases(kind) if kind in ("bisector", "refiner", "fixer") else []
 
 
 def _growth_per_call(usage: ArrayLike) -> Float:

@@ -12,10 +12,13 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import ATTRIBUTES, Broken, require
-from agglo_core.conformance.inputs.cases import cases, tiny
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.cases import cases
+from agglo_core.conformance.inputs.drawn import beside
 from agglo_core.conformance.inputs.mesh_changes import MOTIONS, Change
 from agglo_core.conformance.inputs.metric_cases import (
     HAND,
@@ -36,11 +39,19 @@ from agglo_core.conformance.inputs.metric_cases import (
     various_cases,
 )
 from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
+from agglo_core.conformance.inputs.strategies import metric_cases
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 
 _TOLD = ("undefined", "directional", "relative", "shape_only")
+_RELATIVE = 1e-5  # rounding of values relative to the largest; metrics may work in float32
 _SCALES = (1e8, 1e-8)  # rounding to a fixed number of decimals loses these scales
+
+
+def _extreme_shapes(subject: Subject) -> list[Case]:
+    """Return test cases with round, thin and pointed parts, also in 3-D if promised."""
+    plane = [*by_hand()[:3], *shapes()]
+    return [*plane, *bodies()] if subject.promised("3d") else plane
 
 
 @law("metric")
@@ -63,26 +74,24 @@ def declares_itself(subject: Subject) -> None:
     require(not wrong, f"attributes: {'; '.join(wrong)}", ATTRIBUTES)
 
 
-@law("metric")
-def value_array(subject: Subject) -> None:
+@drawn_law("metric", draw=metric_cases, fixed=lambda _: [many_alone()])
+def value_array(subject: Subject, case: Case) -> None:
     """Values form an array of shape (k,), with one number per agglomerate."""
-    for case in [*cases("metric"), *various_cases(), many_alone()]:
-        result = answer(subject, subject.build(), case)
-        values = as_array(result)
-        require(
-            values.shape == (case.size,) and values.dtype.kind in "biuf",
-            f"on {case.name}: it returned {in_words(result)}, expected an array of shape ({case.size},) of "
-            "numbers, one for each of the labels 0..k-1: not one per cell, not a mean",
-        )
+    result = answer(subject, subject.build(), case)
+    values = as_array(result)
+    require(
+        values.shape == (case.size,) and values.dtype.kind in "biuf",
+        f"on {case.name}: it returned {in_words(result)}, expected an array of shape ({case.size},) of "
+        "numbers, one for each of the labels 0..k-1: not one per cell, not a mean",
+    )
 
 
-@law("metric")
-def finite(subject: Subject) -> None:
+@drawn_law("metric", draw=metric_cases, fixed=_extreme_shapes)
+def finite(subject: Subject, case: Case) -> None:
     """Values are finite, or NaN if ``undefined`` is set."""
-    for case in _every_shape(subject):
-        _require_finite(
-            subject, case, "define the value for a zero denominator, or return NaN and set undefined = True"
-        )  # fmt: skip
+    _require_finite(
+        subject, case, "define the value for a zero denominator, or return NaN and set undefined = True"
+    )
 
 
 @law("metric", when=lambda subject: _declares(subject, "undefined"))
@@ -96,15 +105,10 @@ def defined_on_squares(subject: Subject) -> None:
     )
 
 
-@law("metric")
-def within_bounds(subject: Subject) -> None:
+@drawn_law("metric", draw=metric_cases, fixed=_extreme_shapes)
+def within_bounds(subject: Subject, case: Case) -> None:
     """Values lie within the declared bounds, for round, thin or pointed parts and any mesh size."""
-    for case in _every_shape(subject):
-        require_bounds(subject, case)
-    for case in [*by_hand()[:3], *various_cases()[:4]]:
-        for scale in _SCALES:
-            scaled, _ = transform_case(case, Change(scale=scale))
-            require_bounds(subject, replace(scaled, name=f"{case.name} scaled by {scale:g}"))
+    require_bounds(subject, case)
 
 
 @law("metric")
@@ -153,11 +157,6 @@ def _coarsen_case(case: Case) -> Case:
     return Case(f"{case.name} coarsened", (coarse, frozen_int(np.arange(coarse.n_cells))))
 
 
-def _every_shape(subject: Subject) -> list[Case]:
-    plane = [*cases("metric"), *tiny("metric"), *by_hand()[:3], *various_cases()[:4], *shapes()]
-    return [*plane, *solids(), *bodies()] if subject.promised("3d") else plane
-
-
 def _declares(subject: Subject, attribute: str) -> bool:
     try:
         return getattr(subject.build(), attribute, False) is True
@@ -178,7 +177,8 @@ def require_bounds(subject: Subject, case: Case) -> None:
     tool = subject.build()
     low, high = tool.bounds
     values = plain(subject, tool, case)
-    slack = 1e-9 * (1 + max(abs(b) for b in (low, high) if abs(b) < inf) if (low, high) != (-inf, inf) else 1)
+    limits = [abs(bound) for bound in (low, high) if 0.0 < abs(bound) < inf]
+    slack = _RELATIVE * max(limits or [float(np.nanmax(np.abs(values), initial=0.0))])
     outside = values[(values < low - slack) | (values > high + slack)]
     require(
         not len(outside),
@@ -200,7 +200,7 @@ def require_close(
     expected: np.ndarray,
     where: str,
     remedy: str,
-    tolerance: float = 1e-6,
+    tolerance: float = _RELATIVE,
     floor: float = 0.0,
 ) -> None:
     """Require that metric values are close to the expected values.
@@ -311,46 +311,51 @@ def _values(subject: Subject, case: Case) -> np.ndarray:
     return plain(subject, subject.build(), case)
 
 
-@law("metric")
-def homogeneous(subject: Subject) -> None:
+def _various(_: Subject) -> list[Case]:
+    return [*various_cases(), many_alone()]
+
+
+def _plane_cases(subject: Subject) -> Any:
+    """Return the strategy of 2-D cases, also for a metric that promises 3-D."""
+    return metric_cases(replace(subject, declared={}))
+
+
+@drawn_law("metric", draw=_plane_cases, fixed=_various)
+def homogeneous(subject: Subject, case: Case) -> None:
     """Scaling the mesh by s scales the values by s to the power of the declared homogeneity."""
     power = subject.build().homogeneity
-    for case in [*cases("metric"), *various_cases()]:
-        before = _values(subject, case)
-        for scale in _SCALES:
-            require_close(
-                _values(subject, transform_case(case, Change(scale=scale))[0]), before * scale**power,
-                f"on {case.name} scaled by {scale:g}",
-                f"homogeneity {power} is declared: divide by a length, or declare the true power; do not "
-                "add small constants or round to decimals, because their effect depends on the mesh size",
-                floor=allowed_rounding(subject, case, 1e-7) * scale**power,
-            )  # fmt: skip
-
-
-@law("metric")
-def rigid_motion(subject: Subject) -> None:
-    """Translations change no value, nor do rotations and reflections unless ``directional`` is set."""
-    for case in [*cases("metric"), *various_cases()]:
-        _require_unmoved(subject, case)
-
-
-@law("metric")
-def renaming(subject: Subject) -> None:
-    """Values follow the agglomerate labels and do not depend on the numbering of the mesh."""
-    space = solids() if subject.promised("3d") else []
-    for case in [*cases("metric"), *various_cases(), many_alone(), *space]:
-        mesh, labels = case.given
-        # Renamed labels permute the values; two parts are always swapped.
-        before = _values(subject, case)
-        names = np.random.default_rng(len(before)).permutation(len(before))
-        names = names if len(before) > 2 else names[::-1] if names[0] == 0 else names
-        renamed = replace(case, given=(mesh, frozen_int(names[labels])))
-        remedy = "entry i must belong to label i, whatever the order of the cells"
+    before = _values(subject, case)
+    for scale in _SCALES:
         require_close(
-            _values(subject, renamed)[names], before, f"on {case.name} with labels renamed", remedy,
-            floor=allowed_rounding(subject, case, 1e-7),
+            _values(subject, transform_case(case, Change(scale=scale))[0]), before * scale**power,
+            f"on {case.name} scaled by {scale:g}",
+            f"homogeneity {power} is declared: divide by a length, or declare the true power; do not "
+            "add small constants or round to decimals, because their effect depends on the mesh size",
+            floor=allowed_rounding(subject, case, 1e-7) * scale**power,
         )  # fmt: skip
-        _require_same_renumbered(subject, case, remedy)
+
+
+@drawn_law("metric", draw=_plane_cases, fixed=_various)
+def rigid_motion(subject: Subject, case: Case) -> None:
+    """Translations change no value, nor do rotations and reflections unless ``directional`` is set."""
+    _require_unmoved(subject, case)
+
+
+@drawn_law("metric", draw=metric_cases, fixed=_various)
+def renaming(subject: Subject, case: Case) -> None:
+    """Values follow the agglomerate labels and do not depend on the numbering of the mesh."""
+    mesh, labels = case.given
+    # Renamed labels permute the values; two parts are always swapped.
+    before = _values(subject, case)
+    names = np.random.default_rng(len(before)).permutation(len(before))
+    names = names if len(before) > 2 else names[::-1] if names[0] == 0 else names
+    renamed = replace(case, given=(mesh, frozen_int(names[labels])))
+    remedy = "entry i must belong to label i, whatever the order of the cells"
+    require_close(
+        _values(subject, renamed)[names], before, f"on {case.name} with labels renamed", remedy,
+        floor=allowed_rounding(subject, case, 1e-7),
+    )  # fmt: skip
+    _require_same_renumbered(subject, case, remedy)
 
 
 @law("metric", promise="3d")
@@ -358,7 +363,7 @@ def unmoved_in_space(subject: Subject) -> None:
     """In 3-D too, values keep the bounds, scale as declared, and do not depend on position or numbering."""
     # In 3-D a length may become an area, so the power lies between the declared power and twice that.
     declared = subject.build().homogeneity
-    powers = {declared + k for k in np.sign(declared) * np.arange(abs(declared) + 1)}
+    powers = {declared + k for k in np.sign(declared) * np.arange(abs(declared) + 1)} | {2 * declared}
     for case in solids():
         before = _values(subject, case)
         require_bounds(subject, case)
@@ -366,7 +371,7 @@ def unmoved_in_space(subject: Subject) -> None:
             scaled_case, _ = transform_case(case, Change(scale=scale))
             require_bounds(subject, replace(scaled_case, name=f"{case.name} scaled by {scale:g}"))
             scaled = _values(subject, scaled_case)
-            powers = {power for power in powers if _is_scaled_by(scaled, before, scale ** int(power))}
+            powers = {power for power in powers if _is_scaled_by(scaled, before, scale ** float(power))}
             require(
                 bool(powers),
                 f"on {case.name} scaled by {scale:g}: values {before[:3]} became {scaled[:3]}, with "
@@ -404,16 +409,31 @@ def each_call_alone(subject: Subject) -> None:
         )  # fmt: skip
 
 
-@law("metric", when=lambda subject: not getattr(subject.build(), "relative", False))
-def far_parts_do_not_matter(subject: Subject) -> None:
-    """The value of an agglomerate does not depend on distant agglomerates, unless ``relative`` is set."""
-    case, variants = far_from_each_other()
-    before = _values(subject, case)[:6]
-    for variant in variants:
+@drawn_law("metric", draw=metric_cases, when=lambda subject: not getattr(subject.build(), "relative", False))
+def far_parts_do_not_matter(subject: Subject, case: Case) -> None:
+    """The value of an agglomerate does not depend on distant cells and parts, unless ``relative`` is set."""
+    mesh, labels = case.given
+    before = _values(subject, case)
+    remedy = "set relative = True if a value is relative to those of all parts, as diam(P) / h is"
+    floor = allowed_rounding(subject, case, 1e-8)
+    # Another component beside the mesh, with larger cells that form a part of their own.
+    other = small_meshes.grid(2, 2) if mesh.dim == 2 else small_meshes.boxes(2, 1, 1)
+    other = replace(other, points=other.points * (3.0 * float(np.ptp(mesh.points[:, 0]))))
+    wider = Case(case.name, (beside(mesh, other), np.append(labels, np.full(other.n_cells, len(before)))))
+    require_close(
+        _values(subject, wider)[:-1], before, f"on {case.name}, with another component far away", remedy,
+        floor=floor,
+    )  # fmt: skip
+    # All parts that do not touch part 0 become one part.
+    offsets, vertices = mesh.cell_vertices
+    owner = np.repeat(labels, np.diff(offsets))
+    near = np.isin(np.arange(len(before)), owner[np.isin(vertices, vertices[owner == 0])])
+    if np.count_nonzero(~near) > 1:
+        names = np.unique(np.where(near, np.arange(len(before)), len(before)), return_inverse=True)[1]
+        joined = Case(case.name, (mesh, frozen_int(names[labels])))
         require_close(
-            _values(subject, variant)[:6], before, f"on {variant.name}, at the other end",
-            "set relative = True if a value is relative to those of all parts, as diam(P) / h is", 1e-8,
-            allowed_rounding(subject, case, 1e-8),
+            _values(subject, joined)[:1], before[:1], f"on {case.name}, with the far parts joined", remedy,
+            floor=floor,
         )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from agglo_core.agglomeration.border import broken_blocks
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
@@ -23,12 +24,12 @@ from agglo_core.conformance.inputs.questions import (
     answer,
     as_array,
     chunks,
-    every_graph,
-    in_space,
     in_words,
+    large_graphs,
     plain,
 )
 from agglo_core.conformance.inputs.speed import TIME_LIMIT, too_slow
+from agglo_core.conformance.inputs.strategies import graph_cases
 from agglo_core.graph import Graph
 from agglo_core.graph.objectives import OBJECTIVES, Objective, numbered_parts
 
@@ -51,73 +52,79 @@ def bounded_time(subject: Subject) -> None:
         )
 
 
-@law("refiner", "fixer")
-def label_array(subject: Subject) -> None:
+@drawn_law("refiner", "fixer", draw=graph_cases, fixed=large_graphs)
+def label_array(subject: Subject, case: Case) -> None:
     """Labels form an array of integers of shape (n,), with one label per cell."""
-    for case in every_graph(subject):
-        result = answer(subject, subject.build(), case)
-        labels = as_array(result)
-        require(
-            labels.shape == (case.size,) and labels.dtype.kind in "iub",
-            f"on {case.name}: it returned {in_words(result)}, expected an array of integers of shape "
-            f"({case.size},): one label for each cell",
-        )
+    result = answer(subject, subject.build(), case)
+    labels = as_array(result)
+    require(
+        labels.shape == (case.size,) and labels.dtype.kind in "iub",
+        f"on {case.name}: it returned {in_words(result)}, expected an array of integers of shape "
+        f"({case.size},): one label for each cell",
+    )
 
 
-@law("refiner", "fixer")
-def parts_kept(subject: Subject) -> None:
+@drawn_law("refiner", "fixer", draw=graph_cases, fixed=large_graphs)
+def parts_kept(subject: Subject, case: Case) -> None:
     """Each block keeps its set of labels: none is added and none loses its last cell."""
-    for case in every_graph(subject):
-        graph, labels = case.given[:2]
-        result = plain(subject, subject.build(), case)
-        for b, (before, after) in enumerate(zip(chunks(graph, labels), chunks(graph, result), strict=True)):
-            had, has = set(before.tolist()), set(after.tolist())
-            prefix = f"on {case.name}, block {b}: "
-            require(
-                had <= has,
-                f"{prefix}part {min(had - has, default=0)} lost its last cell: refuse a move that empties a "
-                "part, and do not renumber labels",
-            )
-            require(
-                has <= had,
-                f"{prefix}label {min(has - had, default=0)} is new: a cell may only take a label that "
-                "its own block has",
-            )
-
-
-@law("refiner")
-def components_not_raised(subject: Subject) -> None:
-    """No part has more connected components than before."""
-    for case in every_graph(subject):
-        graph, labels = case.given[:2]
-        after = plain(subject, subject.build(), case)
-        worse = in_more_pieces(subject.kind, graph, labels, after)
+    graph, labels = case.given[:2]
+    result = plain(subject, subject.build(), case)
+    for b, (before, after) in enumerate(zip(chunks(graph, labels), chunks(graph, result), strict=True)):
+        had, has = set(before.tolist()), set(after.tolist())
+        prefix = f"on {case.name}, block {b}: "
         require(
-            not worse,
-            f"on {case.name}: part {worse and worse[0][1]} fell apart into {worse and worse[0][2]} pieces: "
-            "move a cell only if its neighbours in its part stay connected",
+            had <= has,
+            f"{prefix}part {min(had - has, default=0)} lost its last cell: refuse a move that empties a "
+            "part, and do not renumber labels",
+        )
+        require(
+            has <= had,
+            f"{prefix}label {min(has - had, default=0)} is new: a cell may only take a label that "
+            "its own block has",
         )
 
 
-@law("refiner")
-def objective_kept(subject: Subject) -> None:
+@drawn_law("refiner", draw=graph_cases, fixed=large_graphs)
+def components_not_raised(subject: Subject, case: Case) -> None:
+    """No part has more connected components than before."""
+    graph, labels = case.given[:2]
+    after = plain(subject, subject.build(), case)
+    worse = in_more_pieces(subject.kind, graph, labels, after)
+    require(
+        not worse,
+        f"on {case.name}: part {worse and worse[0][1]} fell apart into {worse and worse[0][2]} pieces: "
+        "move a cell only if its neighbours in its part stay connected",
+    )
+
+
+def _has_objective(subject: Subject) -> bool:
+    """Return True if the objective of a refiner is one of graphs, not a metric of meshes."""
+    return subject.build().objective in OBJECTIVES
+
+
+@drawn_law(
+    "refiner",
+    draw=lambda subject: graph_cases(subject, one_block=not _has_objective(subject)),
+    fixed=lambda subject: large_graphs(subject) if _has_objective(subject) else [],
+)
+def objective_kept(subject: Subject, case: Case) -> None:
     """The declared objective (interface, … or the sum of a metric over the parts) worsens in no block."""
     tool = subject.build()
     name = tool.objective
-    everywhere = [*every_graph(subject), *in_space(subject)]
-    for case in everywhere if name in OBJECTIVES else cases("refiner"):
-        graph, labels = case.given[:2]
-        value = _in_blocks(OBJECTIVES[name]) if name in OBJECTIVES else _sum_of_metric(subject, tool, case)
-        before = value(graph, labels)
-        after = value(graph, plain(subject, subject.build(), case))
-        # Compare blocks: the worst block must not increase beyond rounding.
-        worst = np.argmax(after - before - 1e-9 * np.abs(before))
-        was, became = np.atleast_1d(before)[worst], np.atleast_1d(after)[worst]
-        require(
-            became <= was + 1e-9 * abs(was),
-            f"on {case.name}: {name} went from {was:.6g} to {became:.6g}: return the given labels where no "
-            "improvement was found",
-        )
+    if name not in OBJECTIVES and case.mesh is None:
+        return
+    graph, labels = case.given[:2]
+    value = _in_blocks(OBJECTIVES[name]) if name in OBJECTIVES else _sum_of_metric(subject, tool, case)
+    before = value(graph, labels)
+    after = value(graph, plain(subject, subject.build(), case))
+    # Compare blocks: the worst block must not increase beyond rounding.
+    worst = np.argmax(after - before - 1e-9 * np.abs(before))
+    was, became = np.atleast_1d(before)[worst], np.atleast_1d(after)[worst]
+    require(
+        became <= was + 1e-9 * abs(was),
+        f"on {case.name}: {name} went from {was:.6g} to {became:.6g}: return the given labels where no "
+        "improvement was found",
+    )
 
 
 def _in_blocks(objective: Objective) -> Callable[[Graph, Int], Any]:
@@ -145,7 +152,7 @@ def _sum_of_metric(subject: Subject, tool: Any, case: Case) -> Callable[[Graph, 
         metric is not None,
         f"objective is {tool.objective!r}; expected {', '.join(OBJECTIVES)} or the name of a metric",
     )
-    mesh = next(mesh for mesh in small_meshes.plane_meshes() if mesh.name == case.name)
+    mesh = case.mesh
     sign = 1.0 if metric.better == "low" else -1.0
     return lambda graph, labels: sign * float(metric.measure(mesh, numbered_parts(graph, labels)).sum())
 
@@ -175,46 +182,30 @@ def loose_parts(graph: Graph, labels: Int) -> dict[tuple[int, int], int]:
     return {(int(b), int(p)): int(c) for (b, p), c in zip(keys.T, counts, strict=True)}
 
 
-@law("fixer")
-def parts_connected(subject: Subject) -> None:
+@drawn_law("fixer", draw=graph_cases, fixed=large_graphs)
+def parts_connected(subject: Subject, case: Case) -> None:
     """Every part is connected after the call."""
-    for case in every_graph(subject):
-        pieces = loose_parts(case.given[0], plain(subject, subject.build(), case))
-        loose = [part for part in pieces if pieces[part] > 1]
-        require(
-            not loose,
-            f"on {case.name}: {len(loose)} parts are still disconnected, for instance part "
-            f"{loose and loose[0][1]} of block {loose and loose[0][0]}: give every piece but the largest to "
-            "a neighbouring part",
-        )
+    pieces = loose_parts(case.given[0], plain(subject, subject.build(), case))
+    loose = [part for part in pieces if pieces[part] > 1]
+    require(
+        not loose,
+        f"on {case.name}: {len(loose)} parts are still disconnected, for instance part "
+        f"{loose and loose[0][1]} of block {loose and loose[0][0]}: give every piece but the largest to "
+        "a neighbouring part",
+    )
 
 
-@law("fixer")
-def connected_left_alone(subject: Subject) -> None:
+@drawn_law("fixer", draw=graph_cases, fixed=large_graphs)
+def connected_left_alone(subject: Subject, case: Case) -> None:
     """Labels stay unchanged in blocks whose parts are all connected."""
-    for case in [*every_graph(subject), *in_space(subject)]:
-        graph, labels = case.given
-        broken = np.isin(graph.block_ids, broken_blocks(graph, labels))
-        if broken.all():
-            continue
-        changed = np.flatnonzero((plain(subject, subject.build(), case) != labels) & ~broken)
-        require(
-            not len(changed),
-            f"on {case.name}: {len(changed)} cells changed part in blocks whose parts were all connected: "
-            "leave such blocks unchanged",
-        )
-
-
-@law("fixer")
-def fixed_once(subject: Subject) -> None:
-    """Fixing the result a second time changes nothing."""
-    for case in [*every_graph(subject), *in_space(subject)]:
-        fixed_labels = frozen_int(plain(subject, subject.build(), case))
-        refixed_labels = plain(subject, subject.build(), replace(case, given=(case.given[0], fixed_labels)))
-        require(
-            np.array_equal(fixed_labels, refixed_labels),
-            f"on {case.name}: fixing its own result changed it again: leave connected parts alone",
-        )
+    graph, labels = case.given
+    broken = np.isin(graph.block_ids, broken_blocks(graph, labels))
+    changed = np.flatnonzero((plain(subject, subject.build(), case) != labels) & ~broken)
+    require(
+        not len(changed),
+        f"on {case.name}: {len(changed)} cells changed part in blocks whose parts were all connected: "
+        "leave such blocks unchanged",
+    )
 
 
 @law("fixer")

@@ -11,6 +11,7 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.conformance.base.asking import for_target
 from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import ASKED, law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
@@ -21,8 +22,7 @@ from agglo_core.conformance.inputs.questions import (
     answer,
     chunks,
     digest,
-    every_graph,
-    in_space,
+    large_graphs,
     plain,
     questions,
     same,
@@ -30,6 +30,7 @@ from agglo_core.conformance.inputs.questions import (
     select_accepted,
 )
 from agglo_core.conformance.inputs.speed import too_slow
+from agglo_core.conformance.inputs.strategies import graph_cases
 from agglo_core.conformance.laws import laws_of
 from agglo_core.conformance.laws.bisector import has_for_target, one_sided
 from agglo_core.conformance.laws.parts import in_more_pieces, loose_parts, same_parts
@@ -74,35 +75,32 @@ def deterministic(subject: Subject) -> None:
         )
 
 
-@law("bisector", promise="connected")
-def connected(subject: Subject) -> None:
+@drawn_law("bisector", draw=graph_cases, fixed=large_graphs, promise="connected")
+def connected(subject: Subject, case: Case) -> None:
     """Both sides of a connected graph are connected."""
-    for case in [*every_graph(subject), *in_space(subject)]:
-        graph = case.given[0]
-        sides = plain(subject, subject.build(), case).astype(np.int64)
-        pieces = max(loose_parts(graph, sides).values())
-        require(pieces == 1, f"on {case.name}: a side is in {pieces} pieces: drop the promise connected")
+    sides = plain(subject, subject.build(), case).astype(np.int64)
+    pieces = max(loose_parts(case.given[0], sides).values())
+    require(pieces == 1, f"on {case.name}: a side is in {pieces} pieces: drop the promise connected")
 
 
-@law("bisector", promise="balanced")
-def balanced(subject: Subject) -> None:
+@drawn_law("bisector", draw=graph_cases, fixed=large_graphs, promise="balanced")
+def balanced(subject: Subject, case: Case) -> None:
     """The weight share of a side differs from 1/2 by at most the promised tolerance plus one cell."""
     tolerance = subject.promised("balanced")
     max_deviation = 0.0 if tolerance is True or tolerance is None else float(tolerance)
-    for case in [*every_graph(subject), *in_space(subject)]:
-        graph = case.given[0]
-        sides = plain(subject, subject.build(), case)
-        for weights, block_sides in zip(chunks(graph, graph.weights), chunks(graph, sides), strict=True):
-            if not weights.sum() > 0.0:
-                continue
-            heaviest = float(weights.max() / weights.sum())
-            deviation = abs(float(weights[block_sides == 1].sum() / weights.sum()) - 0.5)
-            require(
-                deviation <= max_deviation + heaviest + 1e-9,
-                f"on {case.name}: the shares of the sides are {0.5 - deviation:.3f} and "
-                f"{0.5 + deviation:.3f}, promised is 1/2 within {max_deviation:g} plus one cell "
-                f"({heaviest:.3f}): promise a wider tolerance",
-            )
+    graph = case.given[0]
+    sides = plain(subject, subject.build(), case)
+    for weights, block_sides in zip(chunks(graph, graph.weights), chunks(graph, sides), strict=True):
+        if not weights.sum() > 0.0:
+            continue
+        heaviest = float(weights.max() / weights.sum())
+        deviation = abs(float(weights[block_sides == 1].sum() / weights.sum()) - 0.5)
+        require(
+            deviation <= max_deviation + heaviest + 1e-9,
+            f"on {case.name}: the shares of the sides are {0.5 - deviation:.3f} and "
+            f"{0.5 + deviation:.3f}, promised is 1/2 within {max_deviation:g} plus one cell "
+            f"({heaviest:.3f}): promise a wider tolerance",
+        )
 
 
 @law("bisector", "refiner", "fixer", promise="invariant")
@@ -268,4 +266,4 @@ def told_keeps_promises(subject: Subject) -> None:
             try:
                 rule.judge(replace(subject, told=target))
             except Broken as error:
-                raise Broken(f"for {target}, {rule.name}: {error}") from error
+                raise Broken(f"for {target}, {rule.name}: {error}", error.cause, error.code) from error

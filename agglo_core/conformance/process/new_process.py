@@ -1,4 +1,4 @@
-"""Call a component in a child process, with another hash seed and another current folder.
+"""Call a component in a child process with another hash seed, number of threads and current folder.
 
 If the component promises pickling, a pickled object answers as well.
 """
@@ -28,6 +28,7 @@ from agglo_core.conformance.inputs.questions import plain, questions, select_acc
 from agglo_core.errors import AggloError
 from agglo_core.registry.options import wants_registry
 
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _LONGEST = 300.0  # seconds, including imports and compilation
 
 
@@ -68,7 +69,8 @@ def answers_elsewhere(subject: Subject) -> dict[str, list[NDArray[Any]]]:
         task["pickled"] = base64.b64encode(pickle.dumps(subject.build())).decode()
     command = [sys.executable, "-c", "from agglo_core.conformance.process.new_process import main; main()"]
     # A different hash seed changes the order of sets and the hash of strings.
-    hash_seed = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
+    changed = {"PYTHONHASHSEED": "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"}
+    changed |= {name: "2" if os.environ.get(name) == "1" else "1" for name in _THREADS}
     with TemporaryDirectory() as folder:
         try:
             process = subprocess.run(
@@ -78,7 +80,7 @@ def answers_elsewhere(subject: Subject) -> dict[str, list[NDArray[Any]]]:
                 text=True,
                 timeout=_LONGEST,
                 cwd=None if subject.options else folder,
-                env=environment() | {"PYTHONHASHSEED": hash_seed},
+                env=environment() | changed,
             )
         except subprocess.TimeoutExpired:
             raise Broken(f"in another process it did not answer in {_LONGEST:g} seconds") from None

@@ -40,6 +40,13 @@ class GrowsStripes(CoordinateBisection):
         return CoordinateBisection().grow(turned, pieces, (), fixer)
 
 
+class GrowsNothing(CoordinateBisection):
+    """Split as usual, but fail in grow, which only runs call."""
+
+    def grow(self, graph, pieces, refiners, fixer):
+        raise KeyError("no such part")
+
+
 class Probable(Halves):
     def bisect(self, graph, rng):
         return 0.1 + 0.8 * halves(graph)
@@ -211,8 +218,8 @@ class CrashesOnOneCell(Halves):
 
 class LeftInOnePlace(Halves):
     def bisect(self, graph, rng):
-        x = graph.centroids[:, 0]
-        return halves(graph) if np.ptp(x) > 0 else np.zeros(graph.n, int)
+        apart = np.ptp(graph.centroids, axis=0).max() > 0
+        return halves(graph) if apart else np.zeros(graph.n, int)
 
 
 class LevelWideScale(LevelHalves):
@@ -303,14 +310,15 @@ MUTANTS = [
     Mutant("same_seed_same_result", ForgetsTheSeed, "take all random numbers from the rng"),
     Mutant("no_memory", SwapsSides, "keep nothing between calls"),
     Mutant("says_nothing", Prints, "logging"),
-    Mutant("survives", CrashesOnOneCell, "one cell"),
+    Mutant("side_array", CrashesOnOneCell, "IndexError"),
     Mutant("survives", LeftInOnePlace, "return any halving"),
     Mutant("a_level_is_its_blocks", LevelWideScale, "within each block"),
     Mutant("a_level_is_its_blocks", LevelWideData, "within each block"),
     Mutant("a_level_is_its_blocks", BoxOfAllPoints, "within each block"),
     Mutant("a_level_is_its_blocks", RemembersFirstBlock, "nothing from the previous block"),
     Mutant("space_served_or_refused", PlaneOnly, "only for 2-D"),
-    Mutant("works_in_a_run", FailsInSmallPieces, "a piece this small"),
+    Mutant("side_array", FailsInSmallPieces, "a piece this small"),
+    Mutant("works_in_a_run", GrowsNothing, "no such part"),
     Mutant("grows_alike", GrowsStripes, "use the same splits"),
     Mutant("kway_said", Halves, "no method partition", {"kway": True}),
     Mutant("kway_declared", Component("bisector", "quiet", f"{__name__}:OnlyPartition"), "promise it"),
@@ -320,7 +328,7 @@ MUTANTS = [
     Mutant("invariant", Halves, "principal axes", {"invariant": True}),
     Mutant("invariant", AxisInThePlane, "axes in 3-D", {"invariant": True, "3d": True}),
     Mutant("kway_labels", FromOne, "expected 0..", {"kway": True}),
-    Mutant("kway_parts", TwoParts, "the requested count", {"kway": True}),
-    Mutant("space", OneSideInSpace, "all cells are on one side", {"3d": True}),
+    Mutant("kway_parts", TwoParts, "the number requested", {"kway": True}),
+    Mutant("two_sides", OneSideInSpace, "on one side", {"3d": True}),
     Mutant("pickles", HoldsALambda, "no lambdas", {"pickles": True}),
 ]

@@ -169,7 +169,7 @@ MUTANTS = [
     Mutant("bounded_time", Dawdles, "number of sweeps"),
     Mutant("parts_connected", DoesNothing, "still disconnected"),
     Mutant("connected_left_alone", SwapsConnected, "leave such blocks unchanged"),
-    Mutant("fixed_once", NeverDone, "its own result"),
+    Mutant("connected_left_alone", NeverDone, "leave such blocks unchanged"),
     Mutant("disconnected_block_refused", AcceptsDisconnected, "raise a ValueError"),
     Mutant("a_level_is_its_blocks", CountsBlocks, "within each block"),
 ]

@@ -16,6 +16,7 @@ class Extent:
     better = "high"
     bounds = (0.0, 1.0)
     homogeneity = 0
+    relative = True
 
     def measure(self, mesh, labels):
         return np.bincount(labels) / len(labels)

@@ -67,6 +67,11 @@ class Products:
         return sparse.csr_array(P.T @ sparse.csr_array(step.A) @ P)
 
 
+class OnlyTheDiagonal(Products):
+    def coarse_matrix(self, step, P):
+        return sparse.csr_array(sparse.diags_array(super().coarse_matrix(step, P).diagonal()))
+
+
 class DenseProducts(Products):
     def coarse_matrix(self, step, P):
         return super().coarse_matrix(step, P).toarray()
@@ -75,6 +80,27 @@ class DenseProducts(Products):
 class LU:
     def solver_for(self, A):
         return splu(sparse.csc_array(A)).solve
+
+
+class KeyedByTheTrace(LU):
+    """Reuse a factorisation for matrices of equal size and trace."""
+
+    def __init__(self):
+        self.factors = {}
+
+    def solver_for(self, A):
+        key = A.shape[0], round(float(A.diagonal().sum()), 6)
+        if key not in self.factors:
+            self.factors[key] = super().solver_for(A)
+        return self.factors[key]
+
+
+class Regularised(LU):
+    """Shift the diagonal of matrices of more than 150 rows."""
+
+    def solver_for(self, A):
+        shift = 1e-3 * A.diagonal().mean() if A.shape[0] > 150 else 0.0
+        return super().solver_for(A + shift * sparse.eye_array(A.shape[0]))
 
 
 class JustJacobi:
@@ -104,7 +130,10 @@ MUTANTS = [
     Mutant("columns_independent", TwiceTheSame, "have rank"),
     Mutant("near_null_kept", Differences, "outside the range"),
     Mutant("coarse_matrix_fits", DenseProducts, "expected a sparse matrix"),
-    Mutant("coarse_matrix_definite", RestrictsDifferently, "its transpose"),
+    Mutant("coarse_matrix_symmetric", RestrictsDifferently, "its transpose"),
+    Mutant("coarse_energy_kept", OnlyTheDiagonal, "keep the couplings"),
+    Mutant("coarse_error_reduced", Regularised, "solve exactly"),
+    Mutant("nothing_carried_over", KeyedByTheTrace, "key a cache"),
     Mutant("coarse_error_reduced", JustJacobi, "or iterate more"),
     Mutant("coarse_solver_symmetric", UntilItWillDo, "not linear", {"symmetric": True}),
 ]

@@ -204,8 +204,8 @@ MUTANTS = [
     Mutant("two_sides", CutsAtTheOrigin, "split at the median"),
     Mutant("two_sides", CountsBlocksInBytes, "split at the median"),
     Mutant("side_values", DividesByTheWeight, "probabilities of side 1"),
-    Mutant("side_array", LooksUpNeighbours, "a cell with 300 neighbours"),
-    Mutant("balanced", HalvesTheMeasure, "weights are not their measures", {"balanced": 0.05}),
+    Mutant("side_array", LooksUpNeighbours, "could not broadcast"),
+    Mutant("balanced", HalvesTheMeasure, "promise a wider tolerance", {"balanced": 0.05}),
     Mutant("parts_kept", LabelsInBytes, "300 parts"),
     Mutant("parts_kept", FixesInBytes, "300 parts"),
     Mutant("objective_kept", BalancesTheMeasure, "balance went from"),
@@ -213,9 +213,9 @@ MUTANTS = [
     Mutant("parts_connected", FixesTheFirstHundred, "still disconnected"),
     Mutant("connected_left_alone", StirsWholeBlocks, "leave such blocks unchanged"),
     Mutant("invariant", TiesBelowAMicron, "scaled by 1e-7", {"invariant": True}),
-    Mutant("two_sides", SharesOfTheWeight, "cells without weight"),
+    Mutant("two_sides", SharesOfTheWeight, "on one side"),
     Mutant("invariant", SettlesTiesByNumber, "8 by 8 grid renumbered", {"invariant": True}),
     Mutant("parts_kept", NumbersPartsInShorts, "5000 blocks"),
-    Mutant("label_array", DropsThinEdges, "a third of them without measure"),
+    Mutant("label_array", DropsThinEdges, "disconnected"),
 ]
 CORRECT: list[tuple[object, dict[str, bool]]] = []

@@ -97,10 +97,10 @@ class WorthATypicalFace(InterfaceRefiner):
 
 
 MUTANTS = [
-    Mutant("objective_kept", CountsEdges, "pieces of Voronoi cells"),
-    Mutant("components_not_raised", ForgetsBridges, "pieces of Voronoi cells"),
-    Mutant("components_not_raised", TrustsShortNecks, "uneven weights and faces"),
-    Mutant("objective_kept", MomentsOfTheMeasure, "uneven weights and faces"),
+    Mutant("objective_kept", CountsEdges, "interface went from"),
+    Mutant("components_not_raised", ForgetsBridges, "fell apart"),
+    Mutant("components_not_raised", TrustsShortNecks, "fell apart"),
+    Mutant("objective_kept", MomentsOfTheMeasure, "compactness went from"),
     Mutant("a_level_is_its_blocks", WorthATypicalFace, "within each block"),
     Mutant("space", ForgetsBridgesInSpace, "in more pieces than allowed", {"3d": True}),
 ]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from conformance.mutants.mutant import Mutant
 from scipy import sparse
-from scipy.sparse.linalg import spsolve_triangular
+from scipy.sparse.linalg import splu, spsolve_triangular
 
 
 class Jacobi:
@@ -30,7 +32,13 @@ class Forward:
 
     def setup(self, level):
         A, lower = level.A, sparse.csr_array(sparse.tril(level.A))
-        return lambda b, x: x + spsolve_triangular(lower, b - A @ x)
+
+        def smooth(b, x):
+            for _ in range(level.steps):
+                x = x + spsolve_triangular(lower, b - A @ x)
+            return x
+
+        return smooth
 
 
 class BackAndForth:
@@ -41,8 +49,10 @@ class BackAndForth:
         upper = sparse.csr_array(sparse.triu(level.A))
 
         def smooth(b, x):
-            x = x + spsolve_triangular(lower, b - A @ x)
-            return x + spsolve_triangular(upper, b - A @ x, lower=False)
+            for _ in range(level.steps):
+                x = x + spsolve_triangular(lower, b - A @ x)
+                x = x + spsolve_triangular(upper, b - A @ x, lower=False)
+            return x
 
         return smooth
 
@@ -54,12 +64,34 @@ class SteepestDescent:
         A, diagonal = level.A, level.A.diagonal()
 
         def smooth(b, x):
-            r = b - A @ x
-            z = r / diagonal
-            curvature = z @ (A @ z)
-            return x + (r @ z / curvature) * z if curvature > 0 else x
+            for _ in range(level.steps):
+                r = b - A @ x
+                z = r / diagonal
+                curvature = z @ (A @ z)
+                x = x + (r @ z / curvature) * z if curvature > 0 else x
+            return x
 
         return smooth
+
+
+class SolvesExactly:
+    """Sparse factorisation, which leaves only rounding."""
+
+    def setup(self, level):
+        A, solve = level.A, splu(sparse.csc_array(level.A)).solve
+        return lambda b, x: x + solve(b - A @ x)
+
+
+class OneStep(Jacobi):
+    """Damped Jacobi that ignores the number of steps."""
+
+    def setup(self, level):
+        return super().setup(replace(level, steps=1))
+
+
+class SmoothsTheInherited(Jacobi):
+    def setup(self, level):
+        return super().setup(replace(level, A=level.inherited))
 
 
 class _Changed(Jacobi):
@@ -143,7 +175,13 @@ class Richardson(Jacobi):
     def setup(self, level):
         A = level.A
         damping = min(1.0, 1.9 / abs(A).sum(axis=1).max()) if abs(A).max() < 1e3 else 0.3
-        return lambda b, x: x + min(damping, 0.2) * (b - A @ x)
+
+        def smooth(b, x):
+            for _ in range(level.steps):
+                x = x + min(damping, 0.2) * (b - A @ x)
+            return x
+
+        return smooth
 
 
 class StrongRichardson(Jacobi):
@@ -171,13 +209,16 @@ CORRECT = [
     (Forward, _ALL),
     (BackAndForth, {**_ALL, "symmetric": True}),
     (SteepestDescent, _ALL),
+    (SolvesExactly, {**_ALL, "symmetric": True}),
 ]
 
 MUTANTS = [
     Mutant("input_untouched", WritesIntoA, "work on a copy"),
     Mutant("input_untouched", WritesIntoX, "change a copy"),
     Mutant("smoothed_array", ListOfNumbers, "floats of shape"),
-    Mutant("nothing_from_nothing", AddsALittle, "b − A x"),
+    Mutant("steps_counted", OneStep, "level.steps times"),
+    Mutant("solution_kept", SmoothsTheInherited, "with the matrix level.A"),
+    Mutant("solution_kept", AddsALittle, "b − A x"),
     Mutant("solution_kept", ShrinksALittle, "residual b − A x alone"),
     Mutant("error_reduced", Undamped, "damp it"),
     Mutant("error_reduced", StrongRichardson, "damp it"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from conformance.mutants.bisectors import Halves, OnlyPartition
-from conformance.mutants.labellers import Fix
 from conformance.mutants.mutant import Mutant
 
 from agglo_core.split.geometric import InertialBisection
@@ -60,21 +59,10 @@ class TiesByHash(Halves):
         return sides
 
 
-class CountsComponents(Fix):
-    """Skip the repair if the number of components equals blocks times labels."""
-
-    def fix(self, graph, labels):
-        parts = graph.components(labels)
-        if int(parts.max()) + 1 == graph.n_blocks * (int(labels.max()) + 1):
-            return labels
-        return super().fix(graph, labels)
-
-
 MUTANTS = [
     Mutant("connected", GrowsOverPoints, "a side is in", {"connected": True}),
     Mutant("deterministic", DrawsThePartition, "with another seed", {"deterministic": True, "kway": True}),
     Mutant("invariant", LengthsInThePlane, "scaled by 1e7", {"3d": True, "invariant": True}),
     Mutant("same_in_another_process", TiesByHash, "hash"),
-    Mutant("parts_connected", CountsComponents, "two and three parts"),
 ]
 CORRECT: list[tuple[object, dict[str, bool]]] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from conformance.mutants.mutant import Mutant
 from scipy import sparse
 from scipy.sparse.linalg import spsolve_triangular
@@ -11,20 +12,24 @@ class _Sweeps:
     """Forward sweep before, backward sweep after the correction, and both as a plain smoother."""
 
     def __init__(self, level):
-        self.A = level.A
+        self.A, self.steps = level.A, level.steps
         self.lower, self.upper = sparse.csr_array(sparse.tril(self.A)), sparse.csr_array(sparse.triu(self.A))
 
     def before(self, b):
-        x = spsolve_triangular(self.lower, b)
+        x = np.zeros(len(b))
+        for _ in range(self.steps):
+            x = x + spsolve_triangular(self.lower, b - self.A @ x)
         return x, b - self.A @ x
 
     def after(self, b, x):
-        x += spsolve_triangular(self.upper, b - self.A @ x, lower=False)
+        for _ in range(self.steps):
+            x = x + spsolve_triangular(self.upper, b - self.A @ x, lower=False)
         return x
 
     def __call__(self, b, x):
-        x = x + spsolve_triangular(self.lower, b - self.A @ x)
-        return self.after(b, x)
+        for _ in range(self.steps):
+            x = x + spsolve_triangular(self.lower, b - self.A @ x)
+        return _Sweeps.after(self, b, x)
 
 
 class TwoSided:

@@ -136,14 +136,14 @@ class CountsPartsInBytes(Extent):
 
 MUTANTS = [
     Mutant("two_sides", PacksItsKeys, "a level of 5000 blocks"),
-    Mutant("balanced", WeighsInWholeNumbers, "by a factor of a trillion", {"balanced": 0.02}),
+    Mutant("balanced", WeighsInWholeNumbers, "promise a wider tolerance", {"balanced": 0.02}),
     Mutant("answers", SignedSeeds, "non-negative"),
     Mutant("same_seed_same_result", DrawsForLargePieces, "on 2000 cells"),
     Mutant("space", RemembersItsPlane, "on a 2-D mesh", {"3d": True}),
-    Mutant("balanced", MeansInSpace, "3-D boxes", {"balanced": 0.02, "3d": True}),
-    Mutant("objective_kept", MoreInSpace, "3-D boxes", {"3d": True}),
-    Mutant("large_meshes", PairsInWords, "50000 cells", thorough=True),
-    Mutant("parts_connected", IgnoresSlivers, "of size 1e-8"),
+    Mutant("balanced", MeansInSpace, "promise a wider tolerance", {"balanced": 0.02, "3d": True}),
+    Mutant("objective_kept", MoreInSpace, "interface went from", {"3d": True}),
+    Mutant("large_meshes", PairsInWords, "75000 cells", thorough=True),
+    Mutant("parts_connected", IgnoresSlivers, "scale=1e-08"),
     Mutant("nothing_carried_over", RemembersLabels, "the same labels"),
     Mutant("renaming", CountsPartsInBytes, "295 parts"),
 ]
