@@ -17,18 +17,23 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion, Linear
 
-SIDES = LEFT, RIGHT, BOTTOM, TOP = 1, 2, 3, 4
-"""Boundary tags of a :func:`plate`."""
+SIDES = LEFT, RIGHT, BOTTOM, TOP = -1, 101, 2, 300
+"""Boundary tags of a :func:`plate`, as mesh generators may number them."""
+
+CORNER = LEFT, RIGHT, BOTTOM, RIGHT
+"""Boundary tags of a plate with the same tag on both sides of the upper right corner."""
 
 
-def plate(nx: int = 8, ny: int = 6, tag: str = "boundary") -> Hierarchy:
+def plate(
+    nx: int = 8, ny: int = 6, tag: str = "boundary", tags: tuple[int, int, int, int] = SIDES
+) -> Hierarchy:
     """Return a hierarchy on a grid of [0, 2] × [0, 1], with side tags and agglomerates of 2 by 2 cells."""
     mesh = small_meshes.grid(nx, ny, width=2.0 / nx, height=1.0 / ny)
     # Tag boundary faces by their midpoint.
     x, y = mesh.points[mesh.face_vertices[mesh.face_offsets[:-1]]].T
     ends = mesh.points[mesh.face_vertices[mesh.face_offsets[1:] - 1]]
     x, y = (x + ends[:, 0]) / 2, (y + ends[:, 1]) / 2
-    sides = np.select([x < 1e-9, x > 2 - 1e-9, y < 1e-9, y > 1 - 1e-9], SIDES, 0)
+    sides = np.select([x < 1e-9, x > 2 - 1e-9, y < 1e-9, y > 1 - 1e-9], tags, 0)
     tagged_mesh = replace(mesh, face_tags={tag: sides}, name=f"a plate of {nx} by {ny}")
     row, column = np.divmod(np.arange(nx * ny), nx)
     return on_levels(tagged_mesh, frozen_int(row // 2 * ((nx + 1) // 2) + column // 2))
@@ -135,7 +140,21 @@ def unlike_diffusion() -> list[Case]:
         ),
         "a matrix with entries stored twice, in any order": replace(base, A=_split_entries(base.A)),
     }
-    return [*definite(), *(Case(name, (system, hierarchy)) for name, system in systems.items())]
+    return [
+        *definite(),
+        *(Case(name, (system, hierarchy)) for name, system in systems.items()),
+        _slightly_nonsymmetric(),
+    ]
+
+
+def _slightly_nonsymmetric() -> Case:
+    """Return a test case of 1,024 unknowns whose matrix is symmetric but for a thousandth."""
+    mesh = small_meshes.grid(32, 32)
+    row, column = np.divmod(np.arange(1024), 32)
+    hierarchy = on_levels(mesh, frozen_int(row // 4 * 8 + column // 4))
+    system = laplacian(mesh.graph, 1)
+    A = sparse.csr_array(system.A + 1e-3 * sparse.triu(system.A, 1))
+    return Case("a slightly nonsymmetric matrix of 1,024 rows", (replace(system, A=A), hierarchy))
 
 
 def definite() -> list[Case]:

@@ -51,7 +51,9 @@ def problem_frozen(subject: Subject) -> None:
     """Problems are immutable."""
     case = on_meshes("problem")[0]
     example = answer(subject, subject.build(), case)
-    names = [f.name for f in fields(example)] if is_dataclass(example) else list(vars(example))
+    # Fields of dataclasses and named tuples; other classes keep their attributes in a dictionary.
+    names = [f.name for f in fields(example)] if is_dataclass(example) else []
+    names = names or list(getattr(example, "_fields", ())) or list(getattr(example, "__dict__", {}))
     for name in names or ["no_such_attribute"]:
         try:
             setattr(example, name, getattr(example, name, None))

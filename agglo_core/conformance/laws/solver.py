@@ -117,6 +117,27 @@ def own_system_kept(subject: Subject) -> None:
             )
 
 
+@law("solver", when=lambda subject: bool(first_case(subject, Linear)))
+def columns_solved(subject: Subject) -> None:
+    """Several right-hand sides, of unlike size, are each solved if converged is set, or else refused."""
+    case = first_case(subject, Linear)[0]
+    b = case.given[0].b
+    columns = np.stack((b, 1e-6 * b[::-1]), axis=1)
+    try:
+        it = solve(subject, with_problem(case, b=columns))
+    except Broken:
+        return
+    if it.converged:
+        remainders = [
+            gap(it.A @ x, column) for x, column in zip(np.atleast_2d(it.x.T), columns.T, strict=True)
+        ]
+        require(
+            np.shape(it.x) == columns.shape and max(remainders) <= _CLOSE,
+            f"with two right-hand sides, the second a million times smaller, it reports convergence, but "
+            f"‖b − A x‖ / ‖b‖ is {remainders}: test each column by itself, or refuse more than one",
+        )
+
+
 @law("solver")
 def true_residual(subject: Subject) -> None:
     """The last residual is the 2-norm of b − A x."""

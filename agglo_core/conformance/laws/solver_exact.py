@@ -22,7 +22,14 @@ from agglo_core.conformance.inputs.solver_answers import (
     solve_unless_refused,
     values,
 )
-from agglo_core.conformance.inputs.solver_cases import SIDES, block, halves, plate, transform_hierarchy
+from agglo_core.conformance.inputs.solver_cases import (
+    CORNER,
+    SIDES,
+    block,
+    halves,
+    plate,
+    transform_hierarchy,
+)
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion
 
@@ -117,11 +124,21 @@ def found_in_space(subject: Subject) -> None:
 @law("solver", when=_takes_diffusion)
 def flux_found(subject: Subject) -> None:
     """An outward flux q with constant coefficient κ gives the slope q / κ."""
+    remedy = "Neumann data are κ ∂u/∂n, outward: they enter as the integral of q over the face, not times κ"
     problem = Diffusion(4.0, 0.0, {_LEFT: 1.0}, {_RIGHT: 3.0})
     _require_found(
         subject, plate(), problem, lambda points: 1.0 + 0.75 * points[:, 0],
-        "with value 1 on the left, flux 3 on the right and κ = 4",
-        "Neumann data are κ ∂u/∂n, outward: they enter as the integral of q over the face, not times κ",
+        "with value 1 on the left, flux 3 on the right and κ = 4", remedy,
+    )  # fmt: skip
+
+    # A cell in a corner may have two faces of one tag.
+    def plane(points: Float) -> Float:
+        return 1.0 + 0.75 * points.sum(axis=1)
+
+    problem = Diffusion(4.0, 0.0, {_LEFT: plane, _BOTTOM: plane}, {_RIGHT: 3.0})
+    _require_found(
+        subject, plate(tags=CORNER), problem, plane,
+        "with flux 3 on two sides of one tag that meet in a corner", f"{remedy}, and add up in a corner cell",
     )  # fmt: skip
 
 
@@ -153,7 +170,7 @@ def jump_found(subject: Subject) -> None:
 
 @law("solver", when=_takes_diffusion)
 def finer_is_closer(subject: Subject) -> None:
-    """For a smooth solution with a source, halving the cell size at least about halves the error."""
+    """For a smooth solution with a source, halving the cell size divides the error by 2.5 or more."""
     kappa = 3.0
 
     def exact(points: Float) -> Float:
@@ -170,9 +187,10 @@ def finer_is_closer(subject: Subject) -> None:
         points, u = samples
         errors.append(float(np.abs(u - exact(points)).max()))
     require(
-        errors[1] <= max(0.6 * errors[0], 1e-4) and errors[0] < 0.5,
+        errors[1] <= max(0.4 * errors[0], 1e-4) and errors[0] < 0.5,
         f"for u = sin(πx/2) sin(πy) the largest error is {errors[0]:.2e} with 6 by 6 cells and "
-        f"{errors[1]:.2e} with 12 by 12: the source is integrated over cells, and fluxes over faces",
+        f"{errors[1]:.2e} with 12 by 12: the source is integrated over cells, at their centroids or by "
+        "quadrature, and fluxes over faces",
     )
 
 

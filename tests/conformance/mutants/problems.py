@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from conformance.mutants.mutant import Mutant
@@ -61,6 +61,36 @@ class Fluid:
         return cls()
 
 
+@dataclass(frozen=True, slots=True)
+class Slotted:
+    """Correct: a frozen dataclass with slots."""
+
+    kind: ClassVar[str] = "slotted"
+    conductivity: float = 1.0
+    from_table = classmethod(Heat.from_table.__func__)
+
+    @classmethod
+    def example(cls, mesh):
+        return cls()
+
+
+class Tuple(NamedTuple):
+    """Correct: a named tuple."""
+
+    conductivity: float = 1.0
+    source: float = 1.0
+
+
+class Named(Tuple):
+    kind: ClassVar[str] = "named"
+    __slots__ = ()
+    from_table = classmethod(Heat.from_table.__func__)
+
+    @classmethod
+    def example(cls, mesh):
+        return cls()
+
+
 class TakesAnyKey(Heat):
     @classmethod
     def from_table(cls, table, mesh, folder):
@@ -106,6 +136,8 @@ class RaisesOnHexagons(Heat):
 
 CORRECT = [
     (Heat, {"pickles": True}),
+    (Slotted, {"pickles": True}),
+    (Named, {"pickles": True}),
     (Component("problem", "heat", f"{__name__}:Heat"), {"pickles": True}),
     (Component("problem", "warm", f"{__name__}:warm"), {"pickles": True}),
 ]

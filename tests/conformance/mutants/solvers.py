@@ -56,6 +56,16 @@ class NotLinear(LinearOnly):
         return it
 
 
+class FirstColumnOnly(LinearOnly):
+    """Return zeros for all right-hand sides but the first."""
+
+    def solve(self, problem, hierarchy):
+        if np.ndim(problem.b) == 1:
+            return super().solve(problem, hierarchy)
+        it = super().solve(replace(problem, b=problem.b[:, 0]), hierarchy)
+        return replace(it, x=np.stack((it.x, 0.0 * it.x), axis=1), b=problem.b)
+
+
 class NoFirstResidual(TwoPointFlux):
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -429,6 +439,7 @@ MUTANTS = [
     Mutant("solution_record", NoFirstResidual, "expected the initial residual"),
     Mutant("solves", StopsEarly, "direct solution"),
     Mutant("own_system_kept", OtherSystem, "undo any scaling"),
+    Mutant("columns_solved", FirstColumnOnly, "each column by itself"),
     Mutant("true_residual", OptimisticResidual, "recompute it from x"),
     Mutant("failure_flagged", AlwaysConverged, "compare the true residual"),
     Mutant("operators_chain", TransposedP, "expected"),
