@@ -148,7 +148,7 @@ def unlike_diffusion() -> list[Case]:
 
 
 def _slightly_nonsymmetric() -> Case:
-    """Return a test case of 1,024 unknowns whose matrix is symmetric but for a thousandth."""
+    """Return a test case of 1,024 unknowns whose matrix is symmetric up to a thousandth."""
     mesh = small_meshes.grid(32, 32)
     row, column = np.divmod(np.arange(1024), 32)
     hierarchy = on_levels(mesh, frozen_int(row // 4 * 8 + column // 4))

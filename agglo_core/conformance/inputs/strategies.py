@@ -25,6 +25,7 @@ from agglo_core.conformance.inputs.drawn import (
     Layout,
     drawn_labels,
 )
+from agglo_core.conformance.inputs.mesh_cases import TAG
 from agglo_core.conformance.inputs.multigrid_cases import COUPLINGS, DrawnLevel, coarsening_case
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
@@ -190,7 +191,7 @@ def metric_cases(draw: Draw, subject: Subject) -> Case:
 
 
 def metric_case(recipe: DrawnMesh, layout: Layout, parts: int) -> Case:
-    """Return the test case for a metric on a drawn mesh."""
+    """Return the test case for a metric or constraint on a drawn mesh."""
     mesh = recipe.mesh
     labels = drawn_labels(mesh.graph, layout, parts, recipe.seed)
     code = f"mesh = {recipe!r}.mesh\nlabels = drawn_labels(mesh.graph, {layout!r}, {parts}, {recipe.seed})"
@@ -236,3 +237,12 @@ def coarsening_cases(draw: Draw, subject: Subject) -> Case:
     recipe = replace(draw(levels(sizes)), shift=draw(one_of_values((0.05, 1.0, 1e-6))))
     case = coarsening_case(subject.kind, "", recipe)
     return replace(case, name=f"a level of {recipe.level.A.shape[0]} unknowns")
+
+
+@st.composite
+def constraint_cases(draw: Draw, subject: Subject) -> Case:
+    """Draw a mesh with the tag ``region`` on cells and faces, and labels, for a constraint."""
+    families = (*PLANE, *SOLID[:2]) if subject.promised("3d") else PLANE
+    recipe = draw(meshes(families, sizes=(9, 1, 2, 4, 16, 30, 63), shifts=(0.0, 3.0)))
+    recipe = replace(recipe, tags=((TAG, draw(one_of_values(VALUES))),))
+    return metric_case(recipe, draw(one_of_values(LAYOUTS)), draw(one_of_values((2, 1, 3, 5, 9))))

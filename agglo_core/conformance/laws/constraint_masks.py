@@ -2,77 +2,80 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.own_components import own_components
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.mesh_cases import bands, tag_cells_and_faces
+from agglo_core.conformance.inputs.mesh_changes import renumber_mesh
 from agglo_core.conformance.inputs.questions import answer, in_words, questions
+from agglo_core.conformance.inputs.strategies import constraint_cases
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
 
+_EXAMPLES = 40  # drawn meshes for each law
 
-@law("constraint")
-def masks(subject: Subject) -> None:
+
+@drawn_law("constraint", draw=constraint_cases, fixed=questions, examples=_EXAMPLES)
+def masks(subject: Subject, case: Case) -> None:
     """Masks are boolean arrays, with one value per CSR entry of the graph or per part."""
-    for case in questions(subject):
-        mesh, labels = case.given
-        parts = int(labels.max()) + 1
-        lengths = {"forbidden": len(mesh.graph.indices), "admissible": parts, "incomplete": parts}
-        for method, mask in answer(subject, subject.build(), case).items():
-            require(
-                isinstance(mask, np.ndarray) and mask.shape == (lengths[method],) and mask.dtype == bool,
-                f"on {case.name}: {method} returned {in_words(mask)}, expected booleans of shape "
-                f"({lengths[method]},)",
-            )
-
-
-@law("constraint", when=lambda subject: subject.has("forbidden") or subject.has("for_mesh"))
-def both_directions(subject: Subject) -> None:
-    """An edge is forbidden in both directions or in neither."""
-    for case in questions(subject):
-        method_masks = answer(subject, subject.build(), case)
-        if "forbidden" not in method_masks:
-            continue
-        pairs = _pairs(case.given[0].graph, method_masks["forbidden"])
-        one_way = np.flatnonzero(pairs != pairs.T)
+    mesh, labels = case.given
+    parts = int(labels.max()) + 1
+    lengths = {"forbidden": len(mesh.graph.indices), "admissible": parts, "incomplete": parts}
+    for method, mask in _answer_unless_refused(subject, case).items():
         require(
-            not len(one_way),
-            f"on {case.name}: {len(one_way) // 2} edges are forbidden in one direction only: the graph "
-            "stores each edge twice; treat both cells of an entry alike",
+            isinstance(mask, np.ndarray) and mask.shape == (lengths[method],) and mask.dtype == bool,
+            f"on {case.name}: {method} returned {in_words(mask)}, expected booleans of shape "
+            f"({lengths[method]},)",
         )
 
 
-@law("constraint")
-def numbering_ignored(subject: Subject) -> None:
-    """Constraints do not depend on the numbering of the cells."""
-    for mesh in (small_meshes.grid(9, 7, jitter=0.25), small_meshes.mixed_polygons()):
-        marked_mesh = tag_cells_and_faces(mesh)
-        renumbered_mesh, order = small_meshes.change_mesh(marked_mesh, "renumbered")
-        labels = bands(mesh, 4)
-        original_case = Case(mesh.name, (marked_mesh, labels))
-        renumbered_case = Case(f"{mesh.name}, renumbered", (renumbered_mesh, frozen_int(labels[order])))
-        original_masks, renumbered_masks = (
-            _answer_unless_refused(subject, case) for case in (original_case, renumbered_case)
+@drawn_law(
+    "constraint",
+    draw=constraint_cases,
+    fixed=questions,
+    examples=_EXAMPLES,
+    when=lambda subject: subject.has("forbidden") or subject.has("for_mesh"),
+)
+def both_directions(subject: Subject, case: Case) -> None:
+    """An edge is forbidden in both directions or in neither."""
+    method_masks = _answer_unless_refused(subject, case)
+    if "forbidden" not in method_masks:
+        return
+    pairs = _pairs(case.given[0].graph, method_masks["forbidden"])
+    one_way = np.flatnonzero(pairs != pairs.T)
+    require(
+        not len(one_way),
+        f"on {case.name}: {len(one_way) // 2} edges are forbidden in one direction only: the graph "
+        "stores each edge twice; treat both cells of an entry alike",
+    )
+
+
+@drawn_law("constraint", draw=constraint_cases, fixed=questions, examples=_EXAMPLES)
+def numbering_ignored(subject: Subject, case: Case) -> None:
+    """Constraints do not depend on the numbering of cells, faces and points."""
+    mesh, labels = case.given
+    renumbered, order = renumber_mesh(mesh)
+    other = replace(case, given=(renumbered, frozen_int(labels[order])))
+    before, after = (_answer_unless_refused(subject, each) for each in (case, other))
+    for method in before.keys() & after.keys():
+        equal = np.array_equal(before[method], after[method])
+        if method == "forbidden":
+            pairs = _pairs(mesh.graph, before[method])[np.ix_(order, order)]
+            equal = np.array_equal(pairs, _pairs(renumbered.graph, after[method]))
+        require(
+            equal,
+            f"on {case.name}, renumbered: {method} answers differently: use tags and geometry, not cell "
+            "numbers",
         )
-        for method in original_masks.keys() & renumbered_masks.keys():
-            equal = np.array_equal(original_masks[method], renumbered_masks[method])
-            if method == "forbidden":
-                before, after = (
-                    _pairs(marked_mesh.graph, original_masks[method]),
-                    _pairs(renumbered_mesh.graph, renumbered_masks[method]),
-                )
-                equal = np.array_equal(before[np.ix_(order, order)], after)
-            require(
-                equal,
-                f"on {renumbered_case.name}: {method} answers differently: use tags and geometry, not cell "
-                "numbers",
-            )
 
 
 @law("constraint", when=lambda subject: subject.has("forbidden") or subject.has("for_mesh"))
@@ -99,31 +102,35 @@ def constraint_kept(subject: Subject) -> None:
     )
 
 
-@law("constraint", when=lambda subject: subject.has("admissible") or subject.has("for_mesh"))
-def pieces_admissible(subject: Subject) -> None:
+@drawn_law(
+    "constraint",
+    draw=constraint_cases,
+    fixed=questions,
+    examples=_EXAMPLES,
+    when=lambda subject: subject.has("admissible") or subject.has("for_mesh"),
+)
+def pieces_admissible(subject: Subject, case: Case) -> None:
     """A single cell is admissible, and so is each half of an admissible part, so that splitting ends."""
-    for case in questions(subject):
-        mesh, labels = case.given
-        method_masks = answer(subject, subject.build(), case)
-        if "admissible" not in method_masks:
-            continue
-        # Single cells.
-        cells = Case(f"{case.name}, cell by cell", (mesh, frozen_int(np.arange(mesh.n_cells))))
-        require(
-            bool(answer(subject, subject.build(), cells)["admissible"].all()),
-            f"on {cells.name}: a cell is not admissible, and cannot be split",
-        )
-        # Parts cut by the halves of the mesh; ``part_of_piece`` maps each piece to its part.
-        halves = bands(mesh, 2)
-        number = np.unique(2 * labels + halves, return_inverse=True)[1]
-        finer = Case(f"{case.name}, parts halved", (mesh, frozen_int(number)))
-        part_of_piece = np.empty(int(number.max()) + 1, np.int64)
-        part_of_piece[number] = labels
-        piece_mask = answer(subject, subject.build(), finer)["admissible"]
-        require(
-            bool((piece_mask | ~method_masks["admissible"][part_of_piece]).all()),
-            f"on {finer.name}: a piece of an admissible part is not admissible",
-        )
+    mesh, labels = case.given
+    method_masks = _answer_unless_refused(subject, case)
+    if "admissible" not in method_masks:
+        return
+    # Single cells.
+    cells = Case(f"{case.name}, cell by cell", (mesh, frozen_int(np.arange(mesh.n_cells))))
+    require(
+        bool(answer(subject, subject.build(), cells)["admissible"].all()),
+        f"on {cells.name}: a cell is not admissible, and cannot be split",
+    )
+    # Parts cut by the halves of the mesh; ``part_of_piece`` maps each piece to its part.
+    number = np.unique(2 * labels + bands(mesh, 2), return_inverse=True)[1]
+    finer = Case(f"{case.name}, parts halved", (mesh, frozen_int(number)))
+    part_of_piece = np.empty(int(number.max()) + 1, np.int64)
+    part_of_piece[number] = labels
+    piece_mask = answer(subject, subject.build(), finer)["admissible"]
+    require(
+        bool((piece_mask | ~method_masks["admissible"][part_of_piece]).all()),
+        f"on {finer.name}: a piece of an admissible part is not admissible",
+    )
 
 
 @law("constraint", when=lambda subject: subject.has("admissible") or subject.has("for_mesh"))

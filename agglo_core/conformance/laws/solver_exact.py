@@ -133,7 +133,7 @@ def flux_found(subject: Subject) -> None:
 
     # A cell in a corner may have two faces of one tag.
     def plane(points: Float) -> Float:
-        return 1.0 + 0.75 * points.sum(axis=1)
+        return np.asarray(1.0 + 0.75 * points.sum(axis=1))
 
     problem = Diffusion(4.0, 0.0, {_LEFT: plane, _BOTTOM: plane}, {_RIGHT: 3.0})
     _require_found(
