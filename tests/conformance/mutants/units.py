@@ -143,7 +143,7 @@ MUTANTS = [
     Mutant("balanced", MeansInSpace, "promise a wider tolerance", {"balanced": 0.02, "3d": True}),
     Mutant("objective_kept", MoreInSpace, "interface went from", {"3d": True}),
     Mutant("large_meshes", PairsInWords, "75000 cells", thorough=True),
-    Mutant("parts_connected", IgnoresSlivers, "scale=1e-08"),
+    Mutant("parts_connected", IgnoresSlivers, "still disconnected"),
     Mutant("nothing_carried_over", RemembersLabels, "the same labels"),
     Mutant("renaming", CountsPartsInBytes, "295 parts"),
 ]
