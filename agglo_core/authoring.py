@@ -1,7 +1,7 @@
 """Interface for plugin authors in one module: components, commands and declarations.
 
 The stub beside this file lists the names, which are imported on first use. The names are stable between
-versions, and agglo's own plugins import nothing else.
+versions. Other names of the package, which agglo's own plugins import from their modules, may change.
 """
 
 from __future__ import annotations

@@ -8,7 +8,8 @@ from typing import Any
 
 import click
 
-from agglo_core.authoring import FILE, print_lines
+from agglo_core.authoring import print_lines
+from agglo_core.cli.options.agglomeration import FILE
 
 
 @click.group()

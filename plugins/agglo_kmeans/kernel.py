@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import helper, kernel, piece_driver, piece_splits
+from agglo_core.authoring import helper, kernel
+from agglo_core.split import piece_driver, piece_splits
 from agglo_kmeans.points import load_points, new_means
 from agglo_kmeans.separator import separator
 

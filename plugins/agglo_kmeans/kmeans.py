@@ -8,6 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial import cKDTree
 
+from agglo_core.agglomeration.goals import SizeGoal
+from agglo_core.anneal.part_search import PartSearch
 from agglo_core.authoring import (
     CompactnessRefiner,
     ConnectivityFixer,
@@ -16,15 +18,13 @@ from agglo_core.authoring import (
     Int,
     InterfaceRefiner,
     OptionError,
-    PartSearch,
-    PieceGrowth,
-    SizeGoal,
     Target,
     UInt64,
-    curve_order,
     frozen_int,
-    to_nobody,
 )
+from agglo_core.graph.ordering import curve_order
+from agglo_core.progress import to_nobody
+from agglo_core.split.piece_growth import PieceGrowth
 from agglo_kmeans.lattice import lattice_parts
 
 _LATTICE_STEPS = 1

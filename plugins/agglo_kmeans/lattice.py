@@ -7,7 +7,8 @@ from itertools import product
 import numpy as np
 from scipy.spatial import cKDTree
 
-from agglo_core.authoring import Float, Graph, Int, frozen_int, moving_frame
+from agglo_core.authoring import Float, Graph, Int, frozen_int
+from agglo_core.graph.frame import moving_frame
 
 _SHIFTS = (0.0, 0.25, 0.5)
 """Positions of the first lattice point in even rows, relative to the spacing.

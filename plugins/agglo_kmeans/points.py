@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.authoring import helper, kernel, piece_frames, piece_splits
+from agglo_core.authoring import helper, kernel
+from agglo_core.split import piece_frames, piece_splits
 
 # Ratio of principal moments above which no axis stands out, and several are tried. A larger value is faster,
 # and cuts nearly square pieces less well (benchmarks/partition.py).

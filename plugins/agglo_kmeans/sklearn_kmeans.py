@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agglo_core.authoring import Float, Graph, Int, OptionError, block_shares
+from agglo_core.authoring import Float, Graph, Int, OptionError
+from agglo_core.graph.blocks import block_shares
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController

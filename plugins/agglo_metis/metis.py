@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from agglo_core.authoring import Float, Graph, Int, OptionError, PartSearch, Target, UInt64
+from agglo_core.anneal.part_search import PartSearch
+from agglo_core.authoring import Float, Graph, Int, OptionError, Target, UInt64
 
 if TYPE_CHECKING:
     import pymetis

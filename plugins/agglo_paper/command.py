@@ -9,7 +9,9 @@ from typing import Final
 
 import click
 
-from agglo_core.authoring import FILE, bisectors_option, choice, print_lines
+from agglo_core.authoring import choice, print_lines
+from agglo_core.cli.options.agglomeration import FILE
+from agglo_core.cli.options.shared import bisectors_option
 from agglo_paper.long_runs import one_thread, progress, without_notices
 
 WORDS: Final = (

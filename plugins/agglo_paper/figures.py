@@ -10,17 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.authoring import (
-    PALETTE,
-    AggloError,
-    FileError,
-    Float,
-    Hierarchy,
-    Mesh,
-    OptionError,
-    colouring,
-    staging,
-)
+from agglo_core.authoring import AggloError, FileError, Float, Hierarchy, Mesh, OptionError, staging
+from agglo_core.draw.colours import PALETTE, colouring
 from agglo_paper.small_svg import compress_svg
 from agglo_paper.tables.record import Cell
 from agglo_paper.tables.runtime import KINDS, curves

@@ -13,15 +13,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from agglo_core.authoring import (
-    Float,
-    Graph,
-    Int,
-    block_extents,
-    block_shares,
-    one_blas_thread,
-    principal_frames,
-)
+from agglo_core.authoring import Float, Graph, Int
+from agglo_core.graph.blocks import block_extents, block_shares, principal_frames
+from agglo_core.threads import one_blas_thread
 
 # Entries in a stack of dense matrices, 32 MiB: larger stacks need more memory (benchmarks/constants.py)
 _BATCH = 2**22

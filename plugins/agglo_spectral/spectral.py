@@ -12,19 +12,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.authoring import (
-    Float,
-    Graph,
-    Int,
-    OptionError,
-    UInt64,
+from agglo_core.authoring import Float, Graph, Int, OptionError, UInt64, split_at_median
+from agglo_core.graph.blocks import (
     block_extents,
     block_ranks,
     block_shares,
     block_sums,
     integer_shares,
     principal_frames,
-    split_at_median,
 )
 from agglo_spectral.modes import laplacian_modes
 

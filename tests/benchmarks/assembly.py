@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from agglo_core import Mesh, samples
-from agglo_core.authoring import curve_order
+from agglo_core.graph.ordering import curve_order
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.forms.assembly import discretise
 from agglo_polydg_mg.forms.penalty import face_penalty

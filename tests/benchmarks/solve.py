@@ -40,7 +40,7 @@ from scipy.sparse.linalg import cg
 from solve_cases import MESHES, SOLID, problem_on
 
 from agglo_core import AggloError, Hierarchy, Mesh, agglomerate
-from agglo_core.authoring import parse_spec
+from agglo_core.cli.options.specs import parse_spec
 from agglo_core.problems import Diffusion
 from agglo_core.registry import default
 from agglo_core.solvers.backends import BACKENDS

@@ -11,7 +11,7 @@ from flux_matrices import two_point_flux
 from scipy import sparse
 
 from agglo_core import Hierarchy, Mesh, samples
-from agglo_core.authoring import parse_spec
+from agglo_core.cli.options.specs import parse_spec
 from agglo_core.problems import Diffusion, Linear
 from agglo_core.registry import default
 from agglo_core.solvers import advice

@@ -13,9 +13,9 @@ from scipy.sparse.linalg import cg
 
 from agglo_core import Hierarchy, Mesh, agglomerate, samples
 from agglo_core.arrays import trusted_copy
-from agglo_core.authoring import curve_order
 from agglo_core.conformance.inputs.mesh_changes import renumber_mesh
 from agglo_core.errors import AggloError
+from agglo_core.graph.ordering import curve_order
 from agglo_core.problems import Diffusion, Linear, Solution
 from agglo_core.problems.solution import Deferred
 from agglo_polydg_mg.solver import numbering

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglo_core.authoring import PALETTE
+from agglo_core.draw.colours import PALETTE
 from agglo_paper.figures import picture
 from shape_study.ranks import Measured
 

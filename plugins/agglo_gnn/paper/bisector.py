@@ -6,7 +6,8 @@ from pathlib import Path
 
 import torch
 
-from agglo_core.authoring import Float, Graph, ImportPath, Int, OptionError, UInt64, sweep
+from agglo_core.authoring import Float, Graph, ImportPath, Int, OptionError, UInt64
+from agglo_core.graph.sweep import sweep
 from agglo_gnn.paper.custom import load_network
 from agglo_gnn.paper.network import Neighbours, inorm
 

@@ -14,7 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from agglo_core.authoring import Float, Graph, OptionError, principal_frames
+from agglo_core.authoring import Float, Graph, OptionError
+from agglo_core.graph.blocks import principal_frames
 
 ARCHITECTURE = "paper"
 FEATURES = ("measure", "x", "y")

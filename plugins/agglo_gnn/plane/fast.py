@@ -11,17 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.authoring import (
-    Float,
-    Graph,
-    Int,
-    OptionError,
-    PieceGrowth,
-    Target,
-    UInt64,
-    frozen_float,
-    sweep_arrays,
-)
+from agglo_core.authoring import Float, Graph, Int, OptionError, Target, UInt64, frozen_float
+from agglo_core.graph.sweep import sweep_arrays
+from agglo_core.split.piece_growth import PieceGrowth
 from agglo_gnn.space.network import SPATIAL_SHAPES
 
 SHAPES: Mapping[str, tuple[int, ...]] = {

@@ -6,20 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.authoring import (
-    NO_CUT,
-    axes_block,
-    half_circle,
-    halvings,
-    helper,
-    kernel,
-    piece_driver,
-    piece_frames,
-    piece_splits,
-    piece_sweeps,
-    scan_thresholds,
-    turned,
-)
+from agglo_core.authoring import helper, kernel
+from agglo_core.compiled.frames import half_circle, halvings, turned
+from agglo_core.compiled.thresholds import NO_CUT, axes_block, scan_thresholds
+from agglo_core.split import piece_driver, piece_frames, piece_splits, piece_sweeps
 from agglo_gnn.plane.raster_kernels import fill_raster, new_raster, to_frame
 
 _ONE = np.uint64(1)  # unsigned, to keep index types

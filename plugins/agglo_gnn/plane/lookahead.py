@@ -7,21 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from agglo_core.agglomeration.goals import SizeGoal
+from agglo_core.agglomeration.levels.recursion import grow
+from agglo_core.agglomeration.run import Run
 from agglo_core.authoring import (
     ConnectivityFixer,
     Float,
     Graph,
     Int,
     InterfaceRefiner,
-    Member,
-    Run,
-    SizeGoal,
     Target,
     UInt64,
     frozen_int,
-    grow,
-    sweep,
 )
+from agglo_core.graph.sweep import sweep
+from agglo_core.registry.attribution import Member
 from agglo_gnn.plane.features import rasterise
 
 _LARGEST = 4000

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.authoring import centre_block, helper, kernel, planar_frame
+from agglo_core.authoring import helper, kernel
+from agglo_core.compiled.frames import centre_block, planar_frame
 
 # The network is trained on rasters with these numbers: others require new training (benchmarks/gnn.py
 # bisection quality).

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from agglo_core.authoring import Float, Graph, SweepBisection, sweep
+from agglo_core.authoring import Float, Graph, SweepBisection
+from agglo_core.graph.sweep import sweep
 from agglo_gnn.plane.data import batch_of, gather
 from agglo_gnn.plane.fast import FastGNN
 from agglo_gnn.plane.network import network

@@ -6,16 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.authoring import (
-    NO_CUT,
-    helper,
-    kernel,
-    piece_driver,
-    piece_frames,
-    piece_splits,
-    piece_sweeps,
-    scan_thresholds,
-)
+from agglo_core.authoring import helper, kernel
+from agglo_core.compiled.thresholds import NO_CUT, scan_thresholds
+from agglo_core.split import piece_driver, piece_frames, piece_splits, piece_sweeps
 from agglo_gnn.plane.kernels import dense, number_cells
 from agglo_gnn.space.moments import fill_features, frame_by_moments, moment_room
 

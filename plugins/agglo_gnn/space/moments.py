@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import centre_block, helper, kernel, piece_frames
+from agglo_core.authoring import helper, kernel
+from agglo_core.compiled.frames import centre_block
+from agglo_core.split import piece_frames
 
 _EVEN, _ODD = 16, 10  # numbers of features
 # Ratio of second moments above which their axes carry little information, and fourth moments decide. The

@@ -12,7 +12,8 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from agglo_core.authoring import FILE, FileError, Number, OptionError
+from agglo_core.authoring import FileError, Number, OptionError
+from agglo_core.cli.options.agglomeration import FILE
 
 _COUNT, _SHARE = Number(int, least=1), Number(float, least=0, most=1)  # types of options
 _FAST_COLUMNS = " step      loss  CPU seconds"

@@ -10,13 +10,13 @@ from agglo_core.authoring import (
     AggloError,
     Hierarchy,
     Mesh,
-    Partitioner,
     PluginError,
     Record,
     Registry,
     agglomerate,
     default,
 )
+from agglo_core.protocols import Partitioner
 
 _PLAIN = {"vertex_weights": False, "edge_weights": False, "ufactor": 30, "contig": False}
 _BEST = {"vertex_weights": True, "edge_weights": True, "ufactor": 300, "contig": True}

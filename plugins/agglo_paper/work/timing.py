@@ -10,7 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglo_core.authoring import AggloError, Graph, agglomerate, curve_order, default, samples
+from agglo_core.authoring import AggloError, Graph, agglomerate, default, samples
+from agglo_core.graph.ordering import curve_order
 
 Call = Callable[[], Any]
 _NETWORK: Final = "gnn_paper"

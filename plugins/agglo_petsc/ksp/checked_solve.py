@@ -8,7 +8,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglo_core.authoring import MET, TESTS, Float, History, OptionError, frozen_float, size_ratio
+from agglo_core.authoring import Float, History, OptionError, frozen_float
+from agglo_core.problems.iteration_history import MET, TESTS
+from agglo_core.problems.residuals.sizes import size_ratio
 from agglo_petsc.matrices import entries, petsc
 
 _DIGIT: Final = 0.1

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Float, Int, frozen_float, frozen_int, tentative
+from agglo_core.authoring import Float, Int, frozen_float, frozen_int
+from agglo_core.multigrid.coarsening.prolongation import tentative
 from agglo_petsc.messages import agree, exchange_parcels
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import (
-    Deferred,
     Diffusion,
     Float,
     Hierarchy,
@@ -22,10 +21,11 @@ from agglo_core.authoring import (
     Solution,
     default,
     distributed,
-    limit_told,
     phase,
     solvers,
 )
+from agglo_core.problems.residuals.backward_error import limit_told
+from agglo_core.problems.solution import Deferred
 from agglo_petsc.ksp.checked_solve import solve
 from agglo_petsc.ksp.level_report import level_matrices, level_sizes, memory_of
 from agglo_petsc.ksp.option_database import parse_options

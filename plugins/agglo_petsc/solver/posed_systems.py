@@ -25,8 +25,8 @@ from agglo_core.authoring import (
     frozen_int,
     multigrid,
     solvers,
-    symmetric_system,
 )
+from agglo_core.problems.linear import symmetric_system
 from agglo_petsc.levels.polynomials import monomials
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import (
-    COSTLY,
     Diffusion,
     Field,
     Float,
@@ -24,8 +23,8 @@ from agglo_core.authoring import (
     System,
     frozen_float,
     frozen_int,
-    over_ranges,
 )
+from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.forms.boundary import (
     boundary_faces,
     data_offset,

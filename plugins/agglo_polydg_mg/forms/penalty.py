@@ -12,18 +12,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from agglo_core.authoring import (
-    COSTLY,
-    Float,
-    Int,
-    Mask,
-    Mesh,
-    MeshError,
-    OptionError,
-    frozen_float,
-    over_ranges,
-    solvers,
-)
+from agglo_core.authoring import Float, Int, Mask, Mesh, MeshError, OptionError, frozen_float, solvers
+from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.space.solid_geometry import require_convex, solid_heights
 
 PAPER = 10.0

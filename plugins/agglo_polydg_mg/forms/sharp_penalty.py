@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import COSTLY, Field, Float, Int, Mesh, MeshError, frozen_float, over_ranges
+from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, frozen_float
+from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.forms.penalty import simplex_heights
 from agglo_polydg_mg.forms.side_sums import solid_requirements
 from agglo_polydg_mg.forms.unit_forms import UnitForms

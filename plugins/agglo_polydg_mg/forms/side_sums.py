@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import COSTLY, Float, Int, Mask, frozen_float, frozen_int, over_ranges
+from agglo_core.authoring import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import simplex_rule
 from agglo_polydg_mg.space.polynomials import monomials, orders

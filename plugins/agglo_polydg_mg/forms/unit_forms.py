@@ -8,7 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from agglo_core.authoring import COSTLY, Field, Float, frozen_float, over_ranges
+from agglo_core.authoring import Field, Float, frozen_float
+from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.gauss_points import gauss
 

@@ -22,8 +22,8 @@ from agglo_core.authoring import (
     multigrid,
     phase,
     solvers,
-    to_nobody,
 )
+from agglo_core.progress import to_nobody
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.paper.level_spaces import LevelSpaces, level_spaces
 from agglo_polydg_mg.paper.outer_iterations import (

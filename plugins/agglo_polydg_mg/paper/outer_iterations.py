@@ -7,7 +7,8 @@ from typing import Any, Final, Literal
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.authoring import Float, History, OptionError, Tell, pcg, solvers, to_nobody
+from agglo_core.authoring import Float, History, OptionError, Tell, pcg, solvers
+from agglo_core.progress import to_nobody
 from agglo_polydg_mg.paper.stationary import Step, stationary
 
 Cycle = Literal["V", "W", "F", "K"]

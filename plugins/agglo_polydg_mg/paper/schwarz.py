@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Float, Int, Member, MultigridLevel, Registry, Smoother, multigrid
+from agglo_core.authoring import Float, Int, MultigridLevel, Registry, Smoother, multigrid
+from agglo_core.registry.attribution import Member
 from agglo_polydg_mg.auxiliary.transfer import diagonal_blocks
 
 Solve = Callable[[Float], Float]

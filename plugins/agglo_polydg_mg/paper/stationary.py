@@ -9,18 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.authoring import (
-    MET,
-    TESTS,
-    Float,
-    History,
-    Tell,
-    frozen_float,
-    iterated,
-    size_ratio,
-    solvers,
-    to_nobody,
-)
+from agglo_core.authoring import Float, History, Tell, frozen_float, solvers
+from agglo_core.problems.iteration_history import MET, TESTS, iterated
+from agglo_core.problems.residuals.sizes import size_ratio
+from agglo_core.progress import to_nobody
 
 _KEPT = 5
 """Number of kept corrections: more of them show the error in more slow modes, and take more memory and time

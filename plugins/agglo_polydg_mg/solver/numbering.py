@@ -15,7 +15,6 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import (
-    Deferred,
     Diffusion,
     Field,
     Float,
@@ -24,11 +23,12 @@ from agglo_core.authoring import (
     Lifting,
     Mesh,
     Solution,
-    curve_order,
     frozen_float,
     frozen_int,
     solvers,
 )
+from agglo_core.graph.ordering import curve_order
+from agglo_core.problems.solution import Deferred
 from agglo_polydg_mg.space.walk import FEW, SCATTERED
 
 

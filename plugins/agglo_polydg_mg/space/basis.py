@@ -14,17 +14,8 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import (
-    Field,
-    Float,
-    Int,
-    Mesh,
-    OptionError,
-    frozen_float,
-    frozen_int,
-    over_ranges,
-    solvers,
-)
+from agglo_core.authoring import Field, Float, Int, Mesh, OptionError, frozen_float, frozen_int, solvers
+from agglo_core.threads import over_ranges
 from agglo_polydg_mg.forms.sides import Sides, sides_of
 from agglo_polydg_mg.space.polynomials import legendre, n_polynomials, orders, products, slopes
 from agglo_polydg_mg.space.quadrature import moments, per_cell, weighted_moments

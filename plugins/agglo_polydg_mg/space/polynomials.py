@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.authoring import Float, Int, frozen_float, frozen_int, over_ranges
+from agglo_core.authoring import Float, Int, frozen_float, frozen_int
+from agglo_core.threads import over_ranges
 from agglo_polydg_mg.space.gauss_points import gauss
 
 

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.authoring import (
-    COSTLY,
     AggloError,
     Field,
     Float,
@@ -18,8 +17,8 @@ from agglo_core.authoring import (
     OptionError,
     frozen_float,
     frozen_int,
-    over_ranges,
 )
+from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.space.gauss_points import gauss, simplex_rule
 from agglo_polydg_mg.space.polynomials import n_polynomials, orders
 from agglo_polydg_mg.space.solid_geometry import tetrahedra_of_solids

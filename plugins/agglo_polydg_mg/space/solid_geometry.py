@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import COSTLY, Float, Int, Mesh, MeshError, frozen_float, frozen_int, over_ranges
+from agglo_core.authoring import Float, Int, Mesh, MeshError, frozen_float, frozen_int
+from agglo_core.threads import COSTLY, over_ranges
 
 
 def boxes_of_solids(mesh: Mesh) -> Float:

@@ -10,7 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from agglo_core.authoring import Float, Int, Mesh, curve_order, frozen_int
+from agglo_core.authoring import Float, Int, Mesh, frozen_int
+from agglo_core.graph.ordering import curve_order
 
 FEW: Final = {2: 10_000, 3: 3_000}
 """Number of cells, by dimension, up to which any order is fast enough (benchmarks/solve.py;
