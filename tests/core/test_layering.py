@@ -62,7 +62,7 @@ MAY_IMPORT = {
     "samples": EVERYBODY | {"mesh", "registry"},
     "io": EVERYBODY | {"hierarchy", "mesh", "problems", "registry"},
     "interchange": EVERYBODY | {"compiled", "graph", "hierarchy", "io", "mesh", "problems"},
-    "measure": EVERYBODY | {"graph", "hierarchy", "mesh", "protocols", "registry"},
+    "measure": EVERYBODY | {"compiled", "graph", "hierarchy", "mesh", "protocols", "registry"},
     "draw": EVERYBODY
     | {"compiled", "graph", "hierarchy", "interchange", "io", "measure", "mesh", "problems", "registry"},
     "conformance": EVERYBODY

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from collections import defaultdict
 from itertools import pairwise
 from pathlib import Path
@@ -19,11 +20,13 @@ import shapely
 from forked import run_in_fork
 from hypothesis import assume, given, settings, strategies as st
 from numba import njit
+from numba.core.event import trigger_event
 from scipy.spatial.distance import pdist
 
 from agglo_core import Graph, Mesh, samples
 from agglo_core.agglomeration.halves import broken_halves
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int, splitmix
+from agglo_core.compiled.first_run import compilation_time
 from agglo_core.compiled.geometry import block_diameters, compare_diameters
 from agglo_core.compiled.graphs import broken_blocks, child_order, components, take_rows
 from agglo_core.compiled.prefetching import prefetch
@@ -559,6 +562,20 @@ def test_compilation_is_told_of_once_and_not_when_a_kernel_is_on_disk(tmp_path: 
     (tmp_path / "doubles.py").write_text(DOUBLED)
     for folder, printed in (("one", "6 8 told\n"), ("one", "6 8\n"), ("other", "6 8 told\n")):
         assert run_in_fork(WATCHED, tmp_path, tmp_path / folder) == (printed, "")
+
+
+def test_time_of_compilation_includes_nested_ones_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter(range(100))
+    monkeypatch.setattr("time.process_time", lambda: float(next(clock)))
+    with compilation_time() as spent:
+        for _ in range(2):
+            with trigger_event("numba:compiler_lock"):  # of numba
+                with trigger_event("numba:compiler_lock"):
+                    time.process_time()
+                time.process_time()
+    assert spent.cpu_seconds == 6.0
+    with trigger_event("numba:compiler_lock"):
+        assert spent.cpu_seconds == 6.0
 
 
 UNWRITABLE = """
