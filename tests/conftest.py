@@ -17,6 +17,9 @@ from command_line import Agglo, caller
 from hypothesis import HealthCheck, settings
 
 from agglo_core import Mesh
+from agglo_core.compiled import ahead_of_time
+
+ahead_of_time._MOST_BESIDE = 0  # short commands would end other processes before a kernel is compiled
 
 # A compiler and syntax trees hold many objects, which the default would visit again and again.
 gc.set_threshold(100_000)

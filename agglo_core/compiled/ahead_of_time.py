@@ -1,6 +1,4 @@
-"""Compile the kernels listed in ``ahead_of_time.txt`` while an installation package (wheel) is built.
-
-The first run then finds them on disk.
+"""Compile the kernels listed in ``ahead_of_time.txt``, while a wheel is built or beside a first run.
 
 python -m agglo_core.compiled.ahead_of_time FOLDER LEVEL ...
 """
@@ -9,9 +7,11 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import subprocess
 import sys
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,6 +24,8 @@ LISTED = Path(__file__).with_name("ahead_of_time.txt")
 # Maximum number of processes: more compile in parallel, but each loads numba, which costs time and memory
 # (benchmarks/first_run.py --wheel).
 _MOST_WORKERS = 16
+_SHARE = f"from {__name__} import compile_share; compile_share({{}}, {{}})"
+_MOST_BESIDE = 2  # beside a first run, which compiles the dearest kernel, a third of the time of all
 
 
 class Signature(NamedTuple):
@@ -76,10 +78,9 @@ def compile_listed(folder: Path, signatures: Iterable[Signature], level: str) ->
     """
     if level not in LEVELS:
         return [f"unknown processor level {level!r}: expected one of {', '.join(LEVELS)}"]
-    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     # New processes: in a forked one numba may have chosen this processor already.
     new = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(processors, _MOST_WORKERS), new, _prepare, (level,)) as pool:
+    with ProcessPoolExecutor(min(_processors(), _MOST_WORKERS), new, _prepare, (level,)) as pool:
         waiting = {pool.submit(_compile, each, folder): each for each in signatures}
         ended = [(waiting[each], each.exception()) for each in as_completed(waiting)]
     return [f"{one.module}.{one.name}: {error}" for one, error in ended if error is not None]
@@ -94,6 +95,41 @@ def _compile(signature: Signature, folder: Path) -> None:
     kernel = signature.kernel()
     kernel._cache.write_to(folder)
     kernel.compile(signature.types())
+
+
+def start_workers() -> list[subprocess.Popen[bytes]]:
+    """Start processes on the other processors that compile listed kernels into the cache of this user.
+
+    None starts where the cache cannot be written.
+    """
+    from agglo_core.compiled.sums import slice_sums
+
+    count = min(_processors() - 1, _MOST_BESIDE) if slice_sums._cache.cache_path is not None else 0
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    workers = []
+    for k in range(count):
+        with suppress(OSError):  # no process can be started: the run compiles everything by itself
+            workers.append(
+                subprocess.Popen(
+                    [sys.executable, "-P", "-c", _SHARE.format(k, count)], env=environment,
+                    stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                )
+            )  # fmt: skip
+    return workers
+
+
+def compile_share(first: int, step: int) -> None:
+    """Compile each ``step``-th listed kernel of the core, from the given one on, into the cache.
+
+    Kernels of plugins are left out: not every run needs them, and those that do need them early.
+    """
+    core = [signature for signature in read_signatures() if signature.module.startswith("agglo_core.")]
+    for signature in core[first::step]:
+        signature.kernel().compile(signature.types())
+
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def main(folder: Path, levels: list[str]) -> list[str]:

@@ -1,32 +1,51 @@
-"""Notification when kernels are compiled, which takes longer than most runs, and the time that it takes."""
+"""Notification when kernels are compiled, help by other processes, and the time that compilation takes."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
+from subprocess import Popen
 
 from numba.core.event import Listener, install_listener
 
 
-def watch_compilation(tell: Callable[[], None]) -> AbstractContextManager[None]:
-    """Context in which the callback is called when numba first compiles something.
+@contextmanager
+def watch_compilation(notify: Callable[[], None], *, ahead: bool = False) -> Iterator[None]:
+    """Context in which ``notify`` is called when numba first compiles something.
 
-    Kernels on disk are loaded, not compiled.
+    Kernels on disk are loaded, not compiled. With ``ahead``, other processes then compile the kernels that a
+    run in 2-D needs last, until the context ends. A process that needs a kernel waits for the process that
+    compiles it.
     """
-    watch: AbstractContextManager[None] = install_listener("numba:compile", _Once(tell))
-    return watch
+    workers: list[Popen[bytes]] = []
+
+    def start() -> None:
+        notify()
+        if ahead:
+            from agglo_core.compiled.ahead_of_time import start_workers
+
+            workers.extend(start_workers())
+
+    try:
+        with install_listener("numba:compile", _Once(start)):
+            yield
+    finally:
+        for worker in workers:
+            worker.terminate()
+        for worker in workers:
+            worker.wait()
 
 
 class _Once(Listener):
-    def __init__(self, tell: Callable[[], None]) -> None:
-        self._tell, self._told = tell, False
+    def __init__(self, notify: Callable[[], None]) -> None:
+        self._notify, self._started = notify, False
 
     def on_start(self, event: object) -> None:
         """Handle the start of a compilation, called by numba."""
-        if not self._told:
-            self._told = True
-            self._tell()
+        if not self._started:
+            self._started = True
+            self._notify()
 
     def on_end(self, event: object) -> None:
         """Do nothing at the end of a compilation, called by numba."""

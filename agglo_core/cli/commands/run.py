@@ -94,7 +94,7 @@ def run(
             raise click.UsageError(f"--explode applies to 3-D meshes; {mesh.name or source} is 2-D")
         refuse_metrics(mesh, metrics)
         if not quiet:
-            explain_compilation()
+            explain_compilation(ahead=mesh.dim == 2)
         try:
             # Each run is written as soon as it is complete.
             runs = [

@@ -51,12 +51,15 @@ def quieten() -> None:
     _log.setLevel(logging.ERROR)
 
 
-def explain_compilation() -> None:
-    """Print a note on stderr if kernels are compiled during this command."""
+def explain_compilation(*, ahead: bool = False) -> None:
+    """Print a note on stderr if kernels are compiled during this command.
+
+    With ``ahead``, other processes then compile kernels that a run in 2-D needs later.
+    """
     from agglo_core.compiled.first_run import watch_compilation
 
     note = "note: compiling numerical kernels for their first use (up to a minute)"
-    click.get_current_context().with_resource(watch_compilation(lambda: say(note)))
+    click.get_current_context().with_resource(watch_compilation(lambda: say(note), ahead=ahead))
 
 
 def say(line: str) -> None:

@@ -6,12 +6,14 @@ import ast
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numba
 import numpy as np
@@ -19,7 +21,9 @@ import pytest
 from numba.core import event
 from syntax import syntax_tree
 
-from agglo_core.compiled import helper
+from agglo_core.compiled import ahead_of_time, helper
+from agglo_core.compiled.first_run import watch_compilation
+from agglo_core.compiled.kernel_cache import KernelCache
 
 ROOT = Path(__file__).parents[3]
 BENCHMARK = ROOT / "tests" / "benchmarks" / "first_run.py"
@@ -194,6 +198,49 @@ def test_readme_compiles_few_functions(tmp_path: Path) -> None:
     # a part is compiled for each kind of caller: kernels, helpers that make arrays, and those that do not;
     # and for labels of a level, of sides and of pieces
     assert max(Counter(names).values()) <= 5, Counter(names).most_common(5)
+
+
+def test_workers_compile_the_kernels_of_the_core_between_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    listed = [Mock(module=f"{package}.kernels") for package in ("agglo_core", "agglo_kmeans", "agglo_core")]
+    monkeypatch.setattr(ahead_of_time, "read_signatures", lambda: listed)
+    for first in range(2):
+        ahead_of_time.compile_share(first, 2)
+    assert [each.kernel().compile.call_count for each in listed] == [1, 0, 1]
+
+
+@pytest.mark.parametrize(("processors", "workers"), [(1, 0), (2, 1), (64, 2)])
+def test_workers_leave_a_processor_to_the_run(
+    processors: int, workers: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ahead_of_time, "_processors", lambda: processors)
+    monkeypatch.setattr(ahead_of_time, "_MOST_BESIDE", 2)
+    started = Mock()
+    monkeypatch.setattr(subprocess, "Popen", started)
+    assert len(ahead_of_time.start_workers()) == started.call_count == workers
+    for k, call in enumerate(started.call_args_list):
+        assert call.args[0][-1].endswith(f"compile_share({k}, {workers})")
+
+
+def test_no_worker_starts_where_nothing_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ahead_of_time, "_processors", lambda: 2)
+    monkeypatch.setattr(ahead_of_time, "_MOST_BESIDE", 1)
+    monkeypatch.setattr(KernelCache, "cache_path", None)
+    assert ahead_of_time.start_workers() == []
+
+
+def test_workers_import_this_package_and_end_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ahead_of_time, "_processors", lambda: 2)
+    monkeypatch.setattr(ahead_of_time, "_MOST_BESIDE", 1)
+    waiting = "import agglo_core.compiled.ahead_of_time, time; time.sleep(60); #{}"
+    monkeypatch.setattr(ahead_of_time, "_SHARE", waiting)
+    workers: list[Any] = []
+    start = ahead_of_time.start_workers
+    monkeypatch.setattr(ahead_of_time, "start_workers", lambda: workers.extend(start()) or workers)
+    with watch_compilation(lambda: None, ahead=True):
+        numba.njit(sum_of_doubles)(np.arange(4))
+        with pytest.raises(subprocess.TimeoutExpired):
+            workers[0].wait(timeout=3)  # an import that failed would end it
+    assert workers[0].returncode == -signal.SIGTERM
 
 
 @pytest.mark.slow
