@@ -101,7 +101,9 @@ def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage:
         after = run.refine_parts(graph, labels, frozen_int(owner), target)
     else:
         after = _refine_by_block(graph, labels, owner, target, run, stage)
-    # 3. Undo the moves that disconnect, empty or widen a part.
+    # 3. Undo the moves that disconnect, empty or widen a part, unless each move was tested for that.
+    if tested and all(getattr(member.tool, "tests_moves", False) is True for member in run.post_refiners):
+        return after
     result, broken, wide = _without_bad_moves(graph, labels, after, goal.limit, tested=tested)
     if broken.any():
         raise PluginError(f"{run.bisector.title} left a part disconnected")

@@ -52,6 +52,8 @@ class CompactnessRefiner:
     # An option for another exponent would need another objective. Benchmarks replace SHORTNESS in this
     # module.
     objective = "shape"
+    # No move disconnects, empties or widens a part, so the levels need no such test afterwards.
+    tests_moves = True
 
     def __init__(self, floor: float = 0.5) -> None:
         self.floor = check_floor("compactness", floor)
