@@ -1,13 +1,17 @@
 """Measure writing and reading of files: CPU seconds, MB/s and peak memory, next to numpy and meshio.
 
-    python tests/benchmarks/files.py [CELLS ...] [--repeats N] [--ways NAME,…]
+    python tests/benchmarks/files.py [CELLS ...] [--repeats N] [--ways NAME,…] [--chain]
 
 Random Delaunay triangles, Voronoi cells, tetrahedra, and agglomerates of eight tetrahedra, one thread. Each
 call has its own process, warmed up on a small mesh, and a mesh without derived data. Seconds are CPU
 seconds, minimum over alternating repeats. MB/s is file size over seconds, and "by VTU" is reading time over
 that of VTU. Binary OpenFOAM cases are written here, in the layout of OpenFOAM. B/cell is the peak growth of
 resident memory, including the mesh that is read (Linux only). ``numpy.savez`` and ``numpy.load`` store the
-same mesh arrays without checks. meshio, if installed, stores the points and loops of a 2-D mesh as VTU.
+same mesh arrays without checks. meshio and pyvista, if installed, store the points and the vertex lists of
+triangles, polygons and tetrahedra as VTU, without faces.
+
+The table of the chain gives the CPU seconds of ``agglo run FILE.vtu --h-factor 2,4,8 -o out.vtu`` by phase,
+with cells and points as made, along a Hilbert curve, and in random order. B/cell is the peak of the chain.
 """
 
 from __future__ import annotations
@@ -33,6 +37,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agglo_core import Mesh, agglomerate, read, samples, write
+from agglo_core.arrays import Float, Int
+from agglo_core.authoring import curve_order
+from agglo_core.io.vtk.cells import cells_of
+from agglo_core.measure import measure_levels
 
 ARRAYS = ("points", "face_offsets", "face_vertices", "face_cells")
 STATUS = Path("/proc/self/status")
@@ -67,7 +75,11 @@ def ways() -> Iterator[Way]:
     if importlib.util.find_spec("meshio"):
         import meshio
 
-        yield Way("meshio vtu", ".vtu", meshio_write, meshio.read, (2,))
+        yield Way("meshio vtu", ".vtu", meshio_write, meshio.read)
+    if importlib.util.find_spec("pyvista"):
+        import pyvista
+
+        yield Way("pyvista vtu", ".vtu", pyvista_write, pyvista.read)
 
 
 def numpy_write(file: Path, mesh: Mesh) -> None:
@@ -101,19 +113,40 @@ def parsed(file: Path) -> list[bytes]:
     return file.read_bytes().split(b"\n(\n", 1)[1].rsplit(b"\n)", 1)[0].split(b"\n")
 
 
+def blocks(mesh: Mesh) -> Iterator[tuple[str, Int]]:
+    """Yield the vertex lists (n, k) of cells by kind; of 3-D meshes only of tetrahedra."""
+    if mesh.dim == 3:
+        yield "tetra", cells_of(mesh).vertices.reshape(-1, 4)
+        return
+    loops = mesh.boundary_loops
+    sizes = np.diff(loops.loop_offsets)
+    for size in np.unique(sizes).tolist():
+        start = loops.loop_offsets[:-1][sizes == size]
+        kind = {3: "triangle", 4: "quad"}.get(size, "polygon")
+        yield kind, loops.vertices[start[:, None] + np.arange(size)]
+
+
+def space_points(mesh: Mesh) -> Float:
+    """Return the points (n_points, 3), with a zero coordinate in 2-D."""
+    return np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dim)))
+
+
 def meshio_write(file: Path, mesh: Mesh) -> None:
     """Write a block of cells per number of vertices, uncompressed."""
     import meshio
 
-    loops = mesh.boundary_loops
-    sizes = np.diff(loops.loop_offsets)
-    kinds = {3: "triangle", 4: "quad"}
-    blocks = []
-    for size in np.unique(sizes).tolist():
-        start = loops.loop_offsets[:-1][sizes == size]
-        blocks.append((kinds.get(size, "polygon"), loops.vertices[start[:, None] + np.arange(size)]))
-    points = np.column_stack((mesh.points, np.zeros(mesh.n_points)))
-    meshio.Mesh(points, blocks).write(file, compression=None)
+    meshio.Mesh(space_points(mesh), list(blocks(mesh))).write(file, compression=None)
+
+
+def pyvista_write(file: Path, mesh: Mesh) -> None:
+    """Write an unstructured grid as raw appended data."""
+    import pyvista
+
+    kinds = {"triangle": 5, "quad": 9, "polygon": 7, "tetra": 10}
+    found = list(blocks(mesh))
+    lists = [np.insert(cells, 0, cells.shape[1], axis=1).ravel() for _, cells in found]
+    types = np.repeat([kinds[kind] for kind, _ in found], [len(cells) for _, cells in found])
+    pyvista.UnstructuredGrid(np.concatenate(lists), types.astype(np.uint8), space_points(mesh)).save(file)
 
 
 def load(arrays: Path) -> Mesh:
@@ -141,6 +174,71 @@ def measure(way: Way, action: str, arrays: Path, file: Path) -> tuple[float, flo
     seconds = time.process_time() - start
     del result
     return seconds, resident("VmHWM") - before
+
+
+PHASES = ("read", "graph", "agglomerate", "measure", "write")
+
+
+def chain(file: Path) -> tuple[list[float], float]:
+    """Return CPU seconds of the phases of ``agglo run``, and the peak growth of memory in bytes."""
+
+    def run(source: Path) -> list[float]:
+        times = [time.process_time()]
+        mesh = read(source)
+        times.append(time.process_time())
+        _ = mesh.graph, mesh.h
+        times.append(time.process_time())
+        hierarchy = agglomerate(mesh, h_factor=(2, 4, 8))
+        times.append(time.process_time())
+        levels = measure_levels(mesh, hierarchy)
+        times.append(time.process_time())
+        write(file.with_name("out.vtu"), mesh, hierarchy, level_values=[level.values for level in levels])
+        times.append(time.process_time())
+        return np.diff(times).tolist()
+
+    small = file.with_name("small.vtu")
+    write(small, samples.tetrahedra(5) if read(file).dim == 3 else samples.voronoi(500))
+    run(small)
+    before = resident("VmRSS")
+    if before:
+        Path("/proc/self/clear_refs").write_text("5")  # reset the peak
+    seconds = run(file)
+    return seconds, resident("VmHWM") - before
+
+
+def compare_chains(name: str, mesh: Mesh, repeats: int) -> None:
+    """Print the phases of the chain for three orders of cells and points."""
+    rng = np.random.default_rng(0)
+    orders = {
+        "as made": lambda: mesh,
+        "along a curve": lambda: mesh.renumbered(curve_order(mesh.local_centroids)),
+        "random": lambda: in_order(mesh, rng.permutation(mesh.n_cells), rng.permutation(mesh.n_points)),
+    }
+    print(f"\n{name}: {mesh.n_cells} cells, the chain from file to file, least of {repeats}, one thread")
+    print(f"{'':16}" + "".join(f"{phase:>13}" for phase in (*PHASES, "all", "B/cell")))
+    with tempfile.TemporaryDirectory() as folder:
+        for order, make in orders.items():
+            file = Path(folder) / "mesh.vtu"
+            write(file, make())
+            command = [sys.executable, __file__, "--chain-of", str(file)]
+            found = [
+                json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
+                for _ in range(repeats)
+            ]
+            row = min((seconds for seconds, _ in found), key=sum)
+            high = min(high for _, high in found) / mesh.n_cells
+            print(f"{order:16}" + "".join(f"{each:13.3f}" for each in (*row, sum(row))) + f"{high:13.0f}")
+
+
+def in_order(mesh: Mesh, cells: Int, points: Int) -> Mesh:
+    """Return a mesh with its cells and points in a given order."""
+    number = np.empty(mesh.n_points, np.int64)
+    number[points] = np.arange(mesh.n_points)
+    turned = mesh.renumbered(cells)
+    faces = turned.face_offsets, number[turned.face_vertices], turned.face_cells
+    place = np.empty((mesh.n_points, mesh.dim))
+    place[number] = turned.points
+    return Mesh(place, *faces)
 
 
 def resident(line: str) -> float:
@@ -192,9 +290,14 @@ def main() -> None:
     parser.add_argument("cells", nargs="*", type=int, default=[200_000])
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--one", nargs=4, help=argparse.SUPPRESS)  # way, action, arrays, file
+    parser.add_argument("--chain-of", help=argparse.SUPPRESS)  # file
+    parser.add_argument("--chain", action="store_true", help="the chain instead of the formats")
     parser.add_argument("--ways", default="", help="some of the ways, by name, with commas between")
     parser.add_argument("--meshes", default="random triangles,Voronoi,tetrahedra,agglomerated")
     options = parser.parse_args()
+    if options.chain_of:
+        print(json.dumps(chain(Path(options.chain_of))))
+        return
     if options.one:
         name, action, arrays, file = options.one
         way = next(each for each in ways() if each.name == name)
@@ -203,7 +306,9 @@ def main() -> None:
     chosen, meshes = [each for each in options.ways.split(",") if each], options.meshes.split(",")
     for cells in options.cells:
         for name, make in kinds(cells).items():
-            if name in meshes:
+            if name in meshes and options.chain:
+                compare_chains(name, make(), options.repeats)
+            elif name in meshes:
                 compare(name, make(), options.repeats, chosen)
 
 
