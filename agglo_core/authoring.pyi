@@ -76,6 +76,7 @@ from agglo_core.multigrid.krylov.pcg import (
     pcg as pcg,
 )
 from agglo_core.problems import (
+    CoarseSpace as CoarseSpace,
     Diffusion as Diffusion,
     Discretisation as Discretisation,
     Field as Field,

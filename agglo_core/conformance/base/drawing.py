@@ -43,7 +43,7 @@ def drawn_law(
     draw : callable
         Returns the hypothesis strategy of the test cases for a component.
     fixed : callable
-        Returns further test cases, which are judged first.
+        Returns further test cases, which are judged afterwards.
     examples : int
         Number of drawn cases.
     promise, when
@@ -53,9 +53,9 @@ def drawn_law(
     def decorate(holds: Property) -> Law:
         @wraps(holds)
         def judge(subject: Subject) -> None:
+            require_of_all(holds, subject, draw(subject), examples)
             for case in fixed(subject):
                 holds(subject, case)
-            require_of_all(holds, subject, draw(subject), examples)
 
         return Law(kinds, promise, when, judge)
 

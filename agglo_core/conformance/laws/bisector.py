@@ -167,9 +167,9 @@ def two_sides(subject: Subject, case: Case) -> None:
     bad = one_sided(graph, plain(subject, subject.build(), case))
     require(
         not len(bad),
-        f"on {case.name}: all cells of a piece of {graph.sizes[bad[:1]]} cells are on one side: split at the "
-        "median where your rule finds no cut, or declare fallback='inertial' (Component) for a model that "
-        "may fail",
+        f"on {case.name}: all cells of a piece of {graph.sizes[bad].max(initial=0)} cells are on one side: "
+        "split at the median where your rule finds no cut, or declare fallback='inertial' (Component) for a "
+        "model that may fail",
     )
 
 

@@ -211,7 +211,7 @@ MUTANTS = [
     Mutant("suffixes_declared", LoudSuffix, "lower case"),
     Mutant("read_back", SixDigits, "17 digits"),
     Mutant("read_back", DropsTags, "'region'"),
-    Mutant("lossless_kept", SaysLossless, "face_tags"),
+    Mutant("lossless_kept", SaysLossless, "set lossless = False"),
     Mutant("read_back", ExchangesTags, "differs"),
     Mutant("read_back", WrapsLargeTags, "differs"),
     Mutant("read_back", TenDecimals, "17 digits"),
