@@ -60,7 +60,7 @@ def helper(
 
     A function called only by kernels should be a helper: it compiles faster than a kernel, as it needs no
     entry point from Python, and a literal argument does not create a second signature. A helper cannot call
-    itself. A helper called by both a kernel and a helper is compiled for each of them.
+    itself. A helper is compiled once for callers that create arrays, and once for other helpers.
 
     Arrays are borrowed from the caller, so no references are counted: this saves two atomic additions for
     every array in every call. Use ``allocates=True`` for helpers that create arrays, or call such helpers.

@@ -195,8 +195,8 @@ def test_readme_compiles_few_functions(tmp_path: Path) -> None:
     compiled = json.loads(report.read_text())["compiled"]
     names = [name for name, *_ in compiled if name.startswith("agglo_")]
     assert 20 < len(names) <= 210, Counter(names).most_common()
-    # a part is compiled for each kind of caller: kernels, helpers that make arrays, and those that do not;
-    # and for labels of a level, of sides and of pieces
+    # a part is compiled for callers that make arrays and for those that do not, and for labels of a level, of
+    # sides and of pieces
     assert max(Counter(names).values()) <= 5, Counter(names).most_common(5)
 
 
