@@ -13,12 +13,12 @@ from agglo_core.graph import Graph
 from agglo_core.refine.compactness.strips import slices, strip_order
 from agglo_core.threads import mapped, thread_count
 
-_ROUNDS = {2: (0.0, 1.5), 3: (2.0, 1.0, 1.0)}
+_ROUNDS = {2: (0.5, 0.0, 2.5), 3: (3.0, 0.5, 3.0, 1.5)}
 """Exponents of the interface in the rounds, relative to that of the objective.
 
-Each round visits all boundary cells again. In 2-D the first round moves cells far, as nothing but
-compactness counts. In 3-D it would lengthen the interface, so the first round shortens it instead. More
-rounds leave parts more compact, and take longer (benchmarks/polish.py).
+Each round visits all boundary cells again. A round with a small exponent makes parts compact, one with a
+large exponent shortens their interface. Alternating rounds do both. More rounds leave parts more compact, and
+take longer (benchmarks/polish.py).
 """
 
 _FEW = 2_000

@@ -28,7 +28,7 @@ A smaller value costs sweeps with almost no change, a larger value leaves parts 
 (benchmarks/polish.py).
 """
 
-_FEW = 0.03
+_FEW = 0.05
 """Fraction of the cells due at the start of a round in a block: the round ends when fewer are due.
 
 Few cells gain little, and the next round visits all boundary cells anyway (benchmarks/polish.py).
