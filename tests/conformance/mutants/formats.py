@@ -210,7 +210,7 @@ MUTANTS = [
     Mutant("answers", RefusesItsOwn, "then refused to read it"),
     Mutant("suffixes_declared", LoudSuffix, "lower case"),
     Mutant("read_back", SixDigits, "17 digits"),
-    Mutant("read_back", DropsTags, "'region'"),
+    Mutant("read_back", DropsTags, "cell tag"),
     Mutant("lossless_kept", SaysLossless, "set lossless = False"),
     Mutant("read_back", ExchangesTags, "differs"),
     Mutant("read_back", WrapsLargeTags, "differs"),
