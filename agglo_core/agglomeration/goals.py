@@ -110,7 +110,7 @@ class SizeGoal:
 
     Examples
     --------
-    >>> from agglo_core.authoring import SizeGoal
+    >>> from agglo_core.agglomeration.goals import SizeGoal
     >>> goal = SizeGoal(0.5)
     >>> goal.target, goal.estimate(agglo.samples.squares(8).graph)
     (Target(parts=None, h_star=0.5), 11)

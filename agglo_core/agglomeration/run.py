@@ -114,7 +114,9 @@ class Run:
 
     Examples
     --------
-    >>> from agglo_core.authoring import ConnectivityFixer, InertialBisection, Member, Run, Target
+    >>> from agglo_core.authoring import ConnectivityFixer, InertialBisection, Target
+    >>> from agglo_core.registry.attribution import Member
+    >>> from agglo_core.agglomeration.run import Run
     >>> bisector, fixer = Member(InertialBisection(), "mine"), Member(ConnectivityFixer(), "fixer")
     >>> run = Run(bisector, refiners=[], post_refiners=[], fixer=fixer)
     >>> run.halve(agglo.samples.strip(4).graph, run.seeds(0, 1), Target(parts=2))

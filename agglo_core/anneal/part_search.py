@@ -35,7 +35,7 @@ class PartSearch:
 
     Examples
     --------
-    >>> from agglo_core.authoring import PartSearch
+    >>> from agglo_core.anneal.part_search import PartSearch
     >>> PartSearch.checked("mine", "fast", "roundness").objective
     'roundness'
     >>> PartSearch.checked("mine", "most", "roundness")

@@ -36,7 +36,8 @@ def kernel(
 
     Examples
     --------
-    >>> from agglo_core.authoring import kernel, turned
+    >>> from agglo_core.authoring import kernel
+    >>> from agglo_core.compiled.frames import turned
     >>> compiled = kernel(turned)  # most often a decorator; what it is given has to be in a file
     >>> compiled(3.0, 4.0, 0.0, 1.0)
     (-4.0, 3.0)

@@ -59,7 +59,7 @@ def planar_frame(n, x, y, shares):
 
     Examples
     --------
-    >>> from agglo_core.authoring import planar_frame
+    >>> from agglo_core.compiled.frames import planar_frame
     >>> x, y = np.array([-2.0, 0.0, 2.0]), np.zeros(3)
     >>> cos, sin, *moments = planar_frame(3, x, y, np.array([0.25, 0.5, 0.25]))
     >>> print(cos, sin, *moments)
@@ -90,7 +90,7 @@ def half_circle(count):
 
     Examples
     --------
-    >>> from agglo_core.authoring import half_circle
+    >>> from agglo_core.compiled.frames import half_circle
     >>> half_circle(2).round(9)
     array([[1., 0.],
            [0., 1.]])
@@ -105,7 +105,7 @@ def halvings(count, times):
 
     Examples
     --------
-    >>> from agglo_core.authoring import halvings
+    >>> from agglo_core.compiled.frames import halvings
     >>> halvings(2, 1).round(3)  # 45°, half of the 90° between two axes
     array([[0.707, 0.707]])
     """
@@ -119,7 +119,7 @@ def turned(a, b, p, q):
 
     Examples
     --------
-    >>> from agglo_core.authoring import turned
+    >>> from agglo_core.compiled.frames import turned
     >>> turned(3.0, 4.0, 0.0, 1.0)  # by 90°
     (-4.0, 3.0)
     """
@@ -153,7 +153,7 @@ def centre_block(start, n, centroids, weights, measures, local, shares):
 
     Examples
     --------
-    >>> from agglo_core.authoring import centre_block
+    >>> from agglo_core.compiled.frames import centre_block
     >>> strip, local, shares = agglo.samples.strip(4).graph, np.empty((3, 4)), np.empty(4)
     >>> arrays = strip.centroids, strip.weights, strip.measures
     >>> print(*centre_block(0, 4, *arrays, local, shares))

@@ -70,7 +70,7 @@ def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
 
     Examples
     --------
-    >>> from agglo_core.authoring import scan_thresholds
+    >>> from agglo_core.compiled.thresholds import scan_thresholds
     >>> tally = np.zeros((32, 5))
     >>> tally[0] = -0.5, 0.0, 0.0, 0.5, 1.0  # half of the weight below all thresholds, an edge
     >>> tally[31] = 0.5, 0.0, 0.0, 0.5, -1.0  # to the other half, above them
@@ -160,7 +160,9 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
 
     Examples
     --------
-    >>> from agglo_core.authoring import axes_block, half_circle, halvings
+    >>> from agglo_core.compiled.thresholds import axes_block
+    >>> from agglo_core.compiled.frames import half_circle
+    >>> from agglo_core.compiled.frames import halvings
     >>> local, shares = np.zeros((3, 4)), np.full(4, 0.25)
     >>> local[0] = -1.5, -0.5, 0.5, 1.5  # a row of four, each with an edge to the next
     >>> edges = (np.array([0, 1, 2]), np.array([1, 2, 3]), np.ones(3)), 3

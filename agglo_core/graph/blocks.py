@@ -85,7 +85,7 @@ def principal_frames(level: Graph) -> tuple[Float, Float]:
 
     Examples
     --------
-    >>> from agglo_core.authoring import principal_frames
+    >>> from agglo_core.graph.blocks import principal_frames
     >>> frames, coordinates = principal_frames(agglo.samples.strip(4).graph)
     >>> np.abs(frames[0])
     array([[1., 0.],
@@ -123,7 +123,7 @@ def block_extents(level: Graph, values: Float) -> Float:
     Examples
     --------
     >>> from agglo_core import samples
-    >>> from agglo_core.authoring import block_extents
+    >>> from agglo_core.graph.blocks import block_extents
     >>> level = samples.squares(4).graph.split([0] * 4 + [1] * 12)[0]
     >>> block_extents(level, level.centroids)
     array([[0.75, 0.  ],
@@ -170,7 +170,7 @@ def block_ranks(level: Graph, values: Float, extents: Float) -> Int:
 
     Examples
     --------
-    >>> from agglo_core.authoring import block_ranks
+    >>> from agglo_core.graph.blocks import block_ranks
     >>> values = np.array([0.2, 0.1, 0.1 + 1e-9, 0.5])
     >>> block_ranks(agglo.samples.strip(4).graph, values, extents=np.array([0.4]))
     array([1, 0, 0, 2])
@@ -184,7 +184,7 @@ def block_sums(level: Graph, values: NDArray[np.float64]) -> Float:
     Examples
     --------
     >>> from agglo_core import samples
-    >>> from agglo_core.authoring import block_sums
+    >>> from agglo_core.graph.blocks import block_sums
     >>> level = samples.squares(4).graph.split([0] * 4 + [1] * 12)[0]
     >>> block_sums(level, level.measures)
     array([0.25, 0.75])
@@ -204,7 +204,7 @@ def block_shares(values: Float, blocks: Int) -> Float:
     Examples
     --------
     >>> import numpy as np
-    >>> from agglo_core.authoring import block_shares
+    >>> from agglo_core.graph.blocks import block_shares
     >>> block_shares(np.array([1.0, 3.0, 5.0]), np.array([0, 0, 1]))
     array([0.25, 0.75, 1.  ])
     """
@@ -219,7 +219,7 @@ def integer_shares(values: Float, blocks: Int) -> Int:
 
     Examples
     --------
-    >>> from agglo_core.authoring import integer_shares
+    >>> from agglo_core.graph.blocks import integer_shares
     >>> integer_shares(np.array([1.0, 3.0, 5.0]), np.array([0, 0, 1])) // 2**38
     array([1, 3, 4])
     """

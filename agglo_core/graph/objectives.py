@@ -84,7 +84,7 @@ def numbered_parts(graph: Graph, labels: ArrayLike) -> Int:
     Examples
     --------
     >>> from agglo_core import samples
-    >>> from agglo_core.authoring import numbered_parts
+    >>> from agglo_core.graph.objectives import numbered_parts
     >>> numbered_parts(samples.squares(2).graph, [7, 7, 3, 3])
     array([1, 1, 0, 0])
     """

@@ -25,7 +25,7 @@ def curve_order(points: Float, axes: Float | None = None) -> Int:
     Examples
     --------
     >>> import numpy as np
-    >>> from agglo_core.authoring import curve_order
+    >>> from agglo_core.graph.ordering import curve_order
     >>> curve_order(np.array([[1.0, 1.0], [0.0, 0.0], [0.1, 0.0]]))
     array([1, 2, 0])
     """

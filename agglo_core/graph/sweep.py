@@ -72,7 +72,7 @@ def sweep_arrays(level: Graph) -> tuple[Int, Int, Index, Float, Float, Float, Fl
 
     Examples
     --------
-    >>> from agglo_core.authoring import sweep_arrays
+    >>> from agglo_core.graph.sweep import sweep_arrays
     >>> [array.shape for array in sweep_arrays(agglo.samples.strip(4).graph)]
     [(2,), (5,), (6,), (6,), (4, 2), (4,), (4,)]
     """

@@ -177,7 +177,7 @@ def iterated(iterations: int, size: float, tolerance: float) -> tuple[float, str
 
     Examples
     --------
-    >>> from agglo_core.authoring import iterated
+    >>> from agglo_core.problems.iteration_history import iterated
     >>> iterated(3, 1e-3, 1e-6)
     (0.5, 'iteration 3, relative residual 1.0e-03')
     """

@@ -267,7 +267,7 @@ def symmetric_system(problem: Linear) -> tuple[sparse.csr_array, Float]:
     Examples
     --------
     >>> import numpy as np
-    >>> from agglo_core.authoring import symmetric_system
+    >>> from agglo_core.problems.linear import symmetric_system
     >>> A, b = symmetric_system(agglo.Linear([[2, -1], [-1, 2]], [1, 0], np.arange(3)))
     >>> A.toarray(), b
     (array([[ 2., -1.],

@@ -23,7 +23,7 @@ class Deferred:
 
     Examples
     --------
-    >>> from agglo_core.authoring import Deferred
+    >>> from agglo_core.problems.solution import Deferred
     >>> answer = Deferred(lambda: print("made") or 42)
     >>> answer.value, answer.value
     made

@@ -92,7 +92,7 @@ class Solver(Protocol):
     --------
     >>> import numpy as np
     >>> from scipy.sparse.linalg import spsolve
-    >>> from agglo_core.authoring import symmetric_system
+    >>> from agglo_core.problems.linear import symmetric_system
     >>> from agglo_core.protocols import Solver
     >>> class Exact:
     ...     def solve(self, problem, hierarchy):

@@ -17,7 +17,8 @@ class Member:
 
     Examples
     --------
-    >>> from agglo_core.authoring import InertialBisection, Member
+    >>> from agglo_core.authoring import InertialBisection
+    >>> from agglo_core.registry.attribution import Member
     >>> member = Member(InertialBisection(), "bisector 'mine'")
     >>> type(member.tool).__name__, member.title
     ('InertialBisection', "bisector 'mine'")
@@ -51,7 +52,7 @@ def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterat
 
     Examples
     --------
-    >>> from agglo_core.authoring import attributed
+    >>> from agglo_core.registry.attribution import attributed
     >>> with attributed("bisector 'mine'"):
     ...     1 / 0
     Traceback (most recent call last):

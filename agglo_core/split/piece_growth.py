@@ -77,7 +77,8 @@ class PieceGrowth:
 
     Examples
     --------
-    >>> from agglo_core.authoring import ConnectivityFixer, InertialBisection, to_nobody
+    >>> from agglo_core.authoring import ConnectivityFixer, InertialBisection
+    >>> from agglo_core.progress import to_nobody
     >>> strip, seeds = agglo.samples.strip(8).graph, np.zeros(1, np.uint64)
     >>> growth = InertialBisection().grow(strip, strip.components(), [], ConnectivityFixer())
     >>> growth.split(frozen_int([4]), seeds, to_nobody)[0]

@@ -97,7 +97,11 @@ def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tup
 
     Examples
     --------
-    >>> from agglo_core.authoring import ConnectivityFixer, InertialBisection, Member, Run, SizeGoal, grow
+    >>> from agglo_core.authoring import ConnectivityFixer, InertialBisection
+    >>> from agglo_core.registry.attribution import Member
+    >>> from agglo_core.agglomeration.run import Run
+    >>> from agglo_core.agglomeration.goals import SizeGoal
+    >>> from agglo_core.agglomeration.levels.recursion import grow
     >>> run = Run(Member(InertialBisection(), "mine"), [], [], Member(ConnectivityFixer(), "fixer"))
     >>> strip = agglo.samples.strip(8).graph
     >>> tree, leaves = grow(strip, strip.components(), SizeGoal(0.4), run)

@@ -34,7 +34,7 @@ def bisectors_option(about: str) -> Decorator:
 
     Examples
     --------
-    >>> from agglo_core.authoring import bisectors_option
+    >>> from agglo_core.cli.options.shared import bisectors_option
     >>> @click.command()
     ... @bisectors_option("Which to try.")
     ... def mine(bisectors):
@@ -69,7 +69,7 @@ def metrics_option(command: Command) -> Command:
 
     Examples
     --------
-    >>> from agglo_core.authoring import metrics_option
+    >>> from agglo_core.cli.options.shared import metrics_option
     >>> @click.command()
     ... @metrics_option
     ... def mine(metrics):

@@ -70,7 +70,7 @@ def parse_spec(text: str) -> tuple[str, dict[str, Value]]:
 
     Examples
     --------
-    >>> from agglo_core.authoring import parse_spec
+    >>> from agglo_core.cli.options.specs import parse_spec
     >>> parse_spec("metis:ufactor=30,contig=true")
     ('metis', {'ufactor': 30, 'contig': True})
     """

@@ -141,7 +141,23 @@ def tag_values(name: str, values: str, n: int) -> Int:
 
 
 def drawn_labels(graph: Graph, layout: Layout, parts: int, seed: int = 0) -> Int:
-    """Return labels 0, 1, … of at most ``parts`` parts per block of a graph, all of which occur."""
+    """Return labels 0, 1, … of at most ``parts`` parts per block of a graph, all of which occur.
+
+    Parameters
+    ----------
+    graph : Graph
+        Graph of one or more blocks.
+    layout : str
+        One of :data:`LAYOUTS`; with ``"alone"`` each cell is a part.
+    parts, seed : int
+        Number of parts per block, and seed of random numbers.
+
+    Examples
+    --------
+    >>> from agglo_core.conformance import DrawnGraph, DrawnMesh, drawn_labels
+    >>> drawn_labels(DrawnGraph(DrawnMesh(cells=4)).graph, "strips", 2).tolist()
+    [0, 1, 0, 1]
+    """
     rng = np.random.default_rng(seed)
     place = np.arange(graph.n) - graph.offsets[graph.block_ids]
     counts = graph.sizes if layout == "alone" else np.minimum(graph.sizes, parts)

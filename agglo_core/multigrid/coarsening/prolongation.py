@@ -82,7 +82,7 @@ def tentative(labels: Int, count: int, near_null: Float) -> Tentative:
     Examples
     --------
     >>> import numpy as np
-    >>> from agglo_core.authoring import tentative
+    >>> from agglo_core.multigrid.coarsening.prolongation import tentative
     >>> found = tentative(np.array([0, 0, 0, 0, 1]), 2, np.ones((5, 1)))
     >>> found.T.toarray()
     array([[0.5, 0. ],

@@ -70,7 +70,7 @@ def conjugate_gradients(
     --------
     >>> import numpy as np
     >>> from scipy import sparse
-    >>> from agglo_core.authoring import conjugate_gradients
+    >>> from agglo_core.multigrid.krylov.look_ahead import conjugate_gradients
     >>> A = sparse.diags_array([1.0, 2.0, 4.0]).tocsr()
     >>> history = conjugate_gradients(A, np.ones(3))
     >>> history.x.round(6), history.iterations, history.converged

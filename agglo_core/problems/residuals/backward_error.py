@@ -91,7 +91,8 @@ def limit_told(history: History, A: Any, b: Float) -> History:
     --------
     >>> import numpy as np
     >>> from scipy import sparse
-    >>> from agglo_core.authoring import History, limit_told
+    >>> from agglo_core.authoring import History
+    >>> from agglo_core.problems.residuals.backward_error import limit_told
     >>> A, b = sparse.diags_array([1.0, 2.0]).tocsr(), np.ones(2)
     >>> known = np.array([1.0, 0.5]), np.array([1.0, 1e-9]), False, "stagnation: 1e-9", 1e-10
     >>> told = limit_told(History(*known, ended="stagnation"), A, b)

@@ -21,7 +21,7 @@ def two_norm(r: Float) -> float:
     Examples
     --------
     >>> import numpy as np
-    >>> from agglo_core.authoring import two_norm
+    >>> from agglo_core.problems.residuals.sizes import two_norm
     >>> f"{two_norm(np.array([3e200, 4e200])):.3g}"
     '5e+200'
     """
@@ -39,7 +39,7 @@ def relative_size(r: Float, size: float) -> float:
     Examples
     --------
     >>> import numpy as np
-    >>> from agglo_core.authoring import relative_size
+    >>> from agglo_core.problems.residuals.sizes import relative_size
     >>> relative_size(np.array([3.0, 4.0]), 10.0)
     0.5
     """
@@ -53,7 +53,7 @@ def size_ratio(length: float, size: float) -> float:
 
     Examples
     --------
-    >>> from agglo_core.authoring import size_ratio
+    >>> from agglo_core.problems.residuals.sizes import size_ratio
     >>> size_ratio(1.0, 4.0), size_ratio(0.0, 0.0), size_ratio(1.0, 0.0)
     (0.25, 0.0, inf)
     """
@@ -74,7 +74,7 @@ def energy_of_solution(b: Float) -> Measure:
     Examples
     --------
     >>> import numpy as np
-    >>> from agglo_core.authoring import energy_of_solution
+    >>> from agglo_core.problems.residuals.sizes import energy_of_solution
     >>> energy_of_solution(np.array([2.0]))(np.array([8.0]))  # 2 · 8 = x · A x
     4.0
     """
