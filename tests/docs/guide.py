@@ -112,7 +112,7 @@ def _shell(block: Block, where: str) -> str:
     if done.returncode:
         raise GuideError(f"{where}: exit code {done.returncode} of\n{block.text}\n{done.stdout}")
     importlib.invalidate_caches()  # new modules may have been installed
-    return done.stdout
+    return re.sub(r"(?m)^note: compiling .*\n", "", done.stdout)  # on a first run
 
 
 def _compare(wanted: str, printed: str, where: str) -> None:

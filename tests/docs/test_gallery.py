@@ -15,10 +15,10 @@ GOLDEN: dict[str, dict[str, Any]] = {
         "circle_ratios": {"kmeans": 0.529, "sweep": 0.507, "inertial": 0.508, "coordinate": 0.509}
     },
     "exact_counts": {"counts": [100, 20, 4]},
-    "fewer_faces": {"faces": (852, 198)},
+    "fewer_faces": {"faces": (855, 187)},
     "fine_at_a_well": {"levels_used": [-1, 0, 1, 2]},
     "four_metrics": {"worst": {"UF": 0.67, "CR": 0.28, "J": 0.57, "convexity": 0.68}},
-    "layers_of_rock": {"mixed_parts": [65, 0]},
+    "layers_of_rock": {"mixed_parts": [63, 0]},
     "nested_levels": {"parts": [90, 19, 4]},
     "one_fracture": {"parts_across": [0, 0]},
     "own_bisector": {"parts": 8},
