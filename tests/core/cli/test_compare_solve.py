@@ -52,7 +52,7 @@ def _strangers(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def test_each_strategy_is_solved_as_agglo_solve_does(agglo: Agglo) -> None:
     pytest.importorskip("agglo_polydg_mg")
-    asked = ("voronoi:n=90", "--parts", "20,5", "--problem", "sine", "--json")
+    asked = ("voronoi:n=120", "--parts", "20,5", "--problem", "sine", "--json")
     data = agglo(
         "compare", *asked, "--bisector", "kmeans,coordinate", "--solve", "polydg_mg_paper:degree=2"
     ).data

@@ -38,7 +38,7 @@ def largest(labels: Int, sizes: Any = None) -> float:
 @pytest.mark.parametrize("bisector", BISECTORS, ids=str)
 @pytest.mark.parametrize("parts", [3, 5, 7])
 def test_parts_are_even(bisector: Any, parts: int) -> None:
-    assert largest(agglo.agglomerate(VORONOI, bisector=bisector, n_parts=parts).levels[0]) < 1.22
+    assert largest(agglo.agglomerate(VORONOI, bisector=bisector, n_parts=parts).levels[0]) < 1.24
 
 
 @pytest.mark.parametrize("bisector", ["kmeans", "coordinate", "inertial", "metis"])
@@ -63,7 +63,7 @@ def test_parts_share_out_what_the_run_balances(bisector: str, refiners: tuple[st
 def test_levels_of_counts_are_even() -> None:
     fine, coarse = agglo.agglomerate(VORONOI, n_parts=(12, 3)).levels
     assert largest(coarse) < 1.1
-    assert largest(fine) < 1.25
+    assert largest(fine) < 1.28
     assert len(np.unique(np.stack((fine, coarse)), axis=1)[0]) == 12
 
 
