@@ -71,6 +71,7 @@ _BY_ALL = [
 _LONG = "time_grows_with_the_mesh"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mutant", [mutant for law, mutant in _FIRST.items() if law != _LONG], ids=str)
 def test_every_law_kills_its_mutant(mutant: Mutant) -> None:
     result = judge(law_of(mutant), subject_of_mutant(mutant))
@@ -129,6 +130,7 @@ def test_a_check_never_stops_at_the_first_failure() -> None:
     assert 1 < sum(not r.passed for r in results) < len(results)
 
 
+@pytest.mark.slow
 def test_what_a_mutant_does_to_the_small_meshes_stays_with_it() -> None:
     _judged_here(subject_of(AddsData))
     assert all(_judged_here(subject_of("bisector:inertial")))

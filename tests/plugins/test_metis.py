@@ -210,7 +210,7 @@ def connected(graph, labels):
 
 
 @pytest.mark.parametrize("effort", ["quick", "fast"])
-@pytest.mark.parametrize("objective", ["solver", "roundness"])
+@pytest.mark.parametrize("objective", ["solver", pytest.param("roundness", marks=pytest.mark.slow)])
 def test_an_effort_searches_from_the_parts_of_metis(objective, effort):
     mesh = agglo.samples.voronoi(600, seed=8)
     score = agglo.graph.objectives.OBJECTIVES[objective].value

@@ -125,6 +125,11 @@ def test_a_metric_of_a_stranger_by_name_and_as_an_object(monkeypatch: pytest.Mon
     np.testing.assert_array_equal(tool.refine(graph, labels, SEEDS, Target()), wanted)
     with registered(monkeypatch, "evenness", Weights):
         np.testing.assert_array_equal(refined(graph, labels, "evenness"), wanted)
+
+
+@pytest.mark.slow
+def test_laws_hold_for_a_metric_of_a_stranger(monkeypatch: pytest.MonkeyPatch) -> None:
+    with registered(monkeypatch, "evenness", Weights):
         subject = subject_of("refiner:descent", options={"objective": "evenness"})
         laws = [law for law in laws_for(subject) if law.name in ("answers", "objective_kept", *_ELSEWHERE)]
         failed = [law.name for law in laws if not judge(law, subject).passed]
