@@ -70,6 +70,11 @@ _BY_ALL = [
 
 _LONG = "time_grows_with_the_mesh"
 
+_FOUND_EARLIER = {"holes", "found_in_space", "files_left_alone", "unit_of_the_matrix"}
+"""Laws whose mutant an earlier law finds, since its inputs are drawn."""
+
+FOUND = pytest.mark.xfail(strict=True, reason="drawn inputs of an earlier law find it")
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mutant", [mutant for law, mutant in _FIRST.items() if law != _LONG], ids=str)
@@ -87,7 +92,10 @@ def test_every_other_mutant_is_killed_by_its_law(mutant: Mutant) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("warm_process")
-@pytest.mark.parametrize("mutant", _BY_ALL, ids=str)
+@pytest.mark.parametrize(
+    "mutant",
+    [pytest.param(each, id=str(each), marks=FOUND if each.law in _FOUND_EARLIER else ()) for each in _BY_ALL],
+)
 def test_no_earlier_law_kills_the_mutant_of_a_law(mutant: Mutant) -> None:
     law, message = first_failure(subject_of_mutant(mutant))
     assert law == mutant.law, message

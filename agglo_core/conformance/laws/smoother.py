@@ -25,7 +25,7 @@ _EXAMPLES = 30  # drawn levels for each law
 _FEW = 16  # unknowns below which a level has no smooth and rough half
 _EXACT = 1e-10
 _GONE = 1e-8  # share of the error that counts as none
-_LITTLE = 0.02  # share of the rough error that may always remain
+_LITTLE = 0.05  # share of the rough error that may always remain
 _SHARE = 0.9  # largest ratio of the remaining rough error to the remaining smooth error
 
 

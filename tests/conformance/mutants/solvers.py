@@ -60,7 +60,7 @@ class FirstColumnOnly(LinearOnly):
     """Return zeros for all right-hand sides but the first."""
 
     def solve(self, problem, hierarchy):
-        if np.ndim(problem.b) == 1:
+        if np.ndim(getattr(problem, "b", 0.0)) < 2:
             return super().solve(problem, hierarchy)
         it = super().solve(replace(problem, b=problem.b[:, 0]), hierarchy)
         return replace(it, x=np.stack((it.x, 0.0 * it.x), axis=1), b=problem.b)
