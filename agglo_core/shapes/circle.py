@@ -256,6 +256,19 @@ def _near_on_line(edges, f, x, y, ux, uy, t):
 
 
 @helper
+def _between_crossings(edges, m, x, y, ux, uy):
+    """Return the last s < 0 and the first s ≥ 0 at which an edge crosses (x, y) + s u, or infinity."""
+    low, high = -np.inf, np.inf
+    for i in range(m):
+        wx, wy = edges[0, i] - x, edges[1, i] - y
+        h, rise = ux * wy - uy * wx, ux * edges[3, i] - uy * edges[2, i]
+        if (h > 0.0) != (h + rise > 0.0):
+            s = wx * ux + wy * uy - h / rise * (edges[2, i] * ux + edges[3, i] * uy)
+            low, high = (max(low, s), high) if s < 0.0 else (low, min(high, s))
+    return low, high
+
+
+@helper
 def _near_on_arc(edges, f, x, y, t, limit, dx, dy, end_x, end_y, side):
     """Return an end of the arc of points (x, y) + t d, from d on, at a distance below t from edge f.
 
@@ -336,7 +349,7 @@ def _radii(edges, m, is_convex, axis, reach, diameter, touching, inverse, pieces
                 f = _nearest_edge(edges, start, min(stop, m), x, y)
                 square = edges[_VALUE, f]
             # 4. If there is none, the circle about (x, y) is larger. A point outside, beyond a gap narrower
-            #    than the rounding, only excludes the points nearby.
+            #    than the rounding or where cells overlap, excludes the points up to the next edge.
             if square >= limit and _is_inside(edges, m, x, y):
                 distance = np.sqrt(square)
                 radius = _local_maximum(edges, m, x, y, distance, diameter, touching, inverse)
@@ -356,9 +369,11 @@ def _radii(edges, m, is_convex, axis, reach, diameter, touching, inverse, pieces
                 pieces[size + 1, 0], pieces[size + 1, 1] = bx, by
                 pieces[size + 1, 2], pieces[size + 1, 3] = last_x, last_y
             else:
-                low, high = at - t, at + t
                 if square < limit:
                     low, high = _near_on_line(edges, f, x0, y0, ux, uy, t)
+                else:
+                    low, high = _between_crossings(edges, m, x, y, ux, uy)
+                    low, high = at + min(low, -t), at + max(high, t)
                 pieces[size + 1, 0], pieces[size + 1, 1] = max(high, at), pieces[size, 1]
                 pieces[size, 1] = min(low, at)
             size += 2

@@ -12,6 +12,7 @@ from scipy.spatial.distance import pdist
 from shapely.affinity import rotate, scale
 
 from agglo_core import samples
+from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.measure import measure_levels
@@ -401,3 +402,21 @@ def test_bad_h_star_is_refused(h_star: object) -> None:
 def test_labels_with_gaps_are_refused(name: str) -> None:
     with pytest.raises(MeshError, match="gaps"):
         EVERY[name].measure(samples.squares(2), np.array([0, 0, 2, 2]))
+
+
+def test_overlapping_squares_end_soon() -> None:
+    """Where they overlap is outside by the even-odd rule, so that no circle is known at first."""
+    square = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+    points = np.concatenate((square, square + 0.5)) - 0.75
+    loops, corners = frozen_int([0, 4, 8]), frozen_int(np.arange(8))
+    diameter = 1.5 * np.sqrt(2.0)
+    radii = circles(
+        frozen_float(points),
+        frozen_int([0, 2]),
+        loops,
+        corners,
+        frozen_float([[0.0, 0.0]]),
+        frozen_float([diameter]),
+    )
+    # The circle in the corner of a square touches the corner of the other one.
+    np.testing.assert_allclose(radii, [[0.5 * np.sqrt(2.0) / (1.0 + np.sqrt(2.0)), 0.0]], rtol=2e-5)
