@@ -21,24 +21,35 @@ from agglo_core.compiled import compile_lock
 
 
 class _KernelLibrary(JITCodeLibrary):
-    """Machine code of one kernel, whose linked functions are invisible to other kernels.
+    """Machine code of one kernel, which computes the same in every process, whatever is compiled before.
 
-    Numba leaves these functions as weak symbols, and a call leads to the first copy of that name in the
-    process. In a process that compiled the kernel, this is the helper as compiled separately. In a process
-    that loaded the kernel from disk, it is the copy in the kernel's file, optimised once more. The two round
-    sums differently, so that ties on symmetric meshes were broken inconsistently.
+    Sums that the compiler may reorder are rounded as it happens to optimise them. On symmetric meshes two
+    kernels with different rounding break the same tie differently.
     """
 
+    reorders_sums = False
+
+    def _optimize_final_module(self) -> None:
+        # Kernels that call this one link a copy that is not optimised yet. Numba would link the optimised
+        # functions, and thus optimise them twice.
+        linked: Any = self._final_module.clone()
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage.name == "external":
+                if self.reorders_sums:
+                    linked.get_function(function.name).add_function_attribute("noinline")
+                linked.get_function(function.name).linkage = "linkonce_odr"
+        self._shared_module = linked
+        super()._optimize_final_module()  # type: ignore[no-untyped-call]
+
     def _finalize_final_module(self) -> None:
-        # All optimisation is finished. Functions made private earlier would be inlined by other rules.
+        # Numba leaves linked functions as weak symbols, so that a call leads to the first copy of that name
+        # in the process. All optimisation is finished: functions made private earlier would be inlined by
+        # other rules.
         functions: Any = self._final_module.functions
-        linked = [function for function in functions if function.linkage.name == "linkonce_odr"]
-        for function in linked:
-            function.linkage = "internal"
+        for function in functions:
+            if function.linkage.name == "linkonce_odr":
+                function.linkage = "internal"
         super()._finalize_final_module()  # type: ignore[no-untyped-call]
-        # The machine code is written. Other kernels link the module itself, which must export the functions.
-        for function in linked:
-            function.linkage = "linkonce_odr"
 
 
 class _Interned(Flags):
@@ -108,6 +119,7 @@ class KernelCompiler(_Compiler):
         library: Any = _KernelLibrary
         state.library = library(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
+        state.library.reorders_sums = bool(state.flags.fastmath)
         return super().define_pipelines()  # type: ignore[no-untyped-call]
 
     def compile_extra(self, func: Any) -> Any:
@@ -154,6 +166,10 @@ class _HelperLowering(NativeLowering):
         # Numba identifies the callee by its entry point from Python. A helper has none, hence address 0.
         lowered = state["cr"]
         name = lowered.fndesc.qualname.rpartition(".")[2]
+        if state.flags.fastmath and not state.flags.forceinline:
+            # Inlined, reordered sums would be rounded differently in each caller.
+            function: Any = state.library._final_module.get_function(lowered.fndesc.mangled_name)
+            function.add_function_attribute("noinline")
         entry = cpu._dynfunc.make_function(  # type: ignore[attr-defined]
             lowered.fndesc.lookup_module(), name, "", 0, lowered.env, (state.library,)
         )

@@ -12,6 +12,7 @@ import time
 from collections import defaultdict
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -26,6 +27,7 @@ from scipy.spatial.distance import pdist
 from agglo_core import Graph, Mesh, samples
 from agglo_core.agglomeration.halves import broken_halves
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int, splitmix
+from agglo_core.compiled import helper, kernel
 from agglo_core.compiled.first_run import compilation_time
 from agglo_core.compiled.geometry import block_diameters, compare_diameters
 from agglo_core.compiled.graphs import broken_blocks, child_order, components, take_rows
@@ -43,6 +45,46 @@ SEEDS = st.integers(0, 10**6)
 
 def compact(labels: np.ndarray) -> np.ndarray:
     return np.unique(labels, return_inverse=True)[1]
+
+
+# --- rounding -------------------------------------------------------------------------------------------
+
+
+@helper(reorder_sums=True)
+def reordered_sums(n: int, x: Any, shares: Any) -> tuple[float, float]:
+    first, second = 0.0, 0.0
+    for i in range(n):
+        first += shares[i] * x[i]
+        second += shares[i] * x[i] * x[i]
+    return first, second
+
+
+@kernel
+def sums_of_all(n: int, x: Any, shares: Any) -> Any:
+    return reordered_sums(n, x, shares)
+
+
+@kernel
+def sums_of_seventeen(x: Any, shares: Any) -> Any:
+    # Inlined, these calls would be optimised for their constant length.
+    shifted = 0.0
+    for k in range(3):
+        shifted += reordered_sums(17, x[k:], shares[k:])[0]
+    return reordered_sums(17, x, shares), shifted
+
+
+@kernel
+def sums_by_another_kernel(n: int, x: Any, shares: Any) -> Any:
+    return sums_of_all(n, x, shares), reordered_sums(n, x, shares)
+
+
+def test_all_kernels_round_reordered_sums_alike() -> None:
+    # Else two kernels would break the same tie differently.
+    random = np.random.default_rng(5)
+    for x, shares in random.random((500, 2, 20)):
+        sums = sums_of_all(17, x, shares)
+        assert sums_of_seventeen(x, shares)[0] == sums
+        assert sums_by_another_kernel(17, x, shares) == (sums, sums)
 
 
 # --- faces ----------------------------------------------------------------------------------------------
