@@ -12,7 +12,7 @@ from agglo_core.mesh.elsewhere import import_function
 from agglo_core.progress import Listener
 from agglo_core.registry import KINDS, Registry, describe
 from agglo_core.registry.attribution import Member
-from agglo_core.registry.options import name_and_options
+from agglo_core.registry.options import is_named, name_and_options
 
 
 def new_run(keywords: Keywords, registry: Registry, progress: Listener | None = None) -> Run:
@@ -77,8 +77,8 @@ def _stand_in(bisector: Member, reason: str, choice: Choice, registry: Registry)
 
 def build_component(kind: str, choice: Choice, registry: Registry) -> tuple[Member, Choice | None]:
     """Build the chosen component, and return it with its declared fallback component."""
-    if isinstance(choice, str | tuple):
-        name, options = (choice, {}) if isinstance(choice, str) else name_and_options(kind, choice)
+    if is_named(choice):
+        name, options = name_and_options(kind, choice)
         record = registry.record(kind, name)
         tool = registry.assemble(record, options)
         return Member(tool, describe(record)), record.component.fallback if record.component else None
@@ -94,4 +94,4 @@ def short_name(choice: Choice) -> str:
     """Return the name of a chosen component for the statistics."""
     if isinstance(choice, str):
         return choice
-    return choice[0] if isinstance(choice, tuple) else type(choice).__name__
+    return str(choice[0]) if is_named(choice) else type(choice).__name__

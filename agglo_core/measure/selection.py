@@ -12,7 +12,7 @@ from agglo_core.protocols import QualityMetric
 from agglo_core.registry import Registry, default, describe
 from agglo_core.registry.attribution import Member
 from agglo_core.registry.containment import shown
-from agglo_core.registry.options import name_and_options
+from agglo_core.registry.options import is_named, name_and_options
 from agglo_core.suggestions import did_you_mean
 
 Metric = str | QualityMetric | tuple[str, Mapping[str, Any]]
@@ -75,12 +75,12 @@ def build_metrics(chosen: Iterable[Metric], registry: Registry | None = None) ->
     built: dict[str, Member] = {}
     for metric in _check_list(chosen):
         # 1. Build the metric, or use the object.
-        name, options = name_and_options("metric", metric) if isinstance(metric, tuple) else (metric, {})
-        if isinstance(name, str):
+        if is_named(metric):
+            name, options = name_and_options("metric", metric)
             title = describe(source.record("metric", name))
             component = source.build("metric", name, **options)
         else:
-            component, name = name, type(name).__name__
+            component, name = metric, type(metric).__name__
             title = f"metric {name!r}"
         # 2. Reject duplicates and objects that are not metrics.
         if name in built:

@@ -233,7 +233,7 @@ def _solution(member: Member, solve: Solve, b: Real) -> Real:
 def _title(kind: str, choice: Any) -> str:
     if isinstance(choice, Member):
         return choice.title
-    name = choice[0] if isinstance(choice, tuple) else choice
+    name = choice[0] if type(choice) is tuple else choice
     object_name = getattr(choice, "__name__", type(choice).__name__)
     return f"{kind} {name if isinstance(name, str) else object_name}"
 

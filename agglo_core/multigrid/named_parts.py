@@ -11,7 +11,7 @@ from agglo_core.multigrid.stack import Solve
 from agglo_core.problems import Coarsening
 from agglo_core.registry import KINDS, Registry, default, describe
 from agglo_core.registry.attribution import Member
-from agglo_core.registry.options import name_and_options
+from agglo_core.registry.options import is_named, name_and_options
 
 
 @runtime_checkable
@@ -103,7 +103,7 @@ def part(kind: str, given: Any, own: Mapping[str, Callable[[], Any]], registry: 
         return given
     if isinstance(given, str) and given in own:
         return Member(own[given](), f"{kind} {given}")
-    if isinstance(given, str | tuple):
+    if is_named(given):
         return _assemble_by_name(kind, given, own, default() if registry is None else registry)
     if not isinstance(given, type):
         if callable(getattr(given, method, None)):
@@ -120,7 +120,7 @@ def part(kind: str, given: Any, own: Mapping[str, Callable[[], Any]], registry: 
 def _assemble_by_name(
     kind: str, choice: str | tuple[Any, ...], builtin: Mapping[str, Callable[[], Any]], registry: Registry
 ) -> Member:
-    name, options = (choice, {}) if isinstance(choice, str) else name_and_options(kind, choice)
+    name, options = name_and_options(kind, choice)
     try:
         record = registry.record(kind, name)
     except PluginError as error:

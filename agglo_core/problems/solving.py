@@ -19,7 +19,7 @@ from agglo_core.registry import Registry, default, describe
 from agglo_core.registry.attribution import Member, attributed
 from agglo_core.registry.construct import check_options, resolve
 from agglo_core.registry.containment import shown
-from agglo_core.registry.options import name_and_options
+from agglo_core.registry.options import is_named, name_and_options
 from agglo_core.suggestions import did_you_mean, suggest_keywords
 
 
@@ -101,8 +101,8 @@ def solve(
 def _member(solver: Any, options: Mapping[str, Any], registry: Registry | None) -> Member:
     """Return a solver built by name, or a given object after a check for its method ``solve``."""
     keywords = signature(solve).parameters
-    if isinstance(solver, str | tuple):
-        name, spec_options = (solver, {}) if isinstance(solver, str) else name_and_options("solver", solver)
+    if is_named(solver):
+        name, spec_options = name_and_options("solver", solver)
         source = default() if registry is None else registry
         record = source.record("solver", name)
         checked = check_options(record, resolve(record), {**spec_options, **options}, also=keywords)

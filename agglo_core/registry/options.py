@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from typing import Any, Optional
+from typing import Any, Optional, TypeGuard
 
 from agglo_core.errors import OptionError
 from agglo_core.registry.code_options import is_written, names_code
@@ -109,8 +109,15 @@ def _options_of_class(target: type) -> tuple[Option, ...] | None:
     return _options_of(target)  # slower than building most components, hence cached per class
 
 
-def name_and_options(kind: str, choice: tuple[Any, ...]) -> tuple[str, Mapping[str, Any]]:
-    """Return the two entries of a tuple ``(name, options)``, or raise OptionError for another form."""
+def is_named(choice: object) -> TypeGuard[str | tuple[Any, ...]]:
+    """Return True for a name or a tuple ``(name, options)``, but not for an object that is a NamedTuple."""
+    return isinstance(choice, str) or type(choice) is tuple
+
+
+def name_and_options(kind: str, choice: str | tuple[Any, ...]) -> tuple[str, Mapping[str, Any]]:
+    """Return the name and the options of a choice by name, or raise OptionError for another form."""
+    if isinstance(choice, str):
+        return choice, {}
     if len(choice) == 2 and isinstance(choice[0], str) and isinstance(choice[1], Mapping):
         return choice[0], choice[1]
     raise OptionError(f"a {kind} must be a name, (name, options) or an object, given {shown(choice)}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from scipy import sparse
@@ -39,6 +41,25 @@ def test_name_tuple_and_object_mean_the_same():
     same(run(refiners=[("interface", {"floor": 0.5})]), run(refiners=[InterfaceRefiner(floor=0.5)]))
     same(run(fixer="connectivity"), run(fixer=ConnectivityFixer()))
     same(run(bisector="defaults/coordinate"), run(bisector="coordinate"))
+
+
+def test_a_named_tuple_is_a_component_and_no_name_with_options():
+    class Along(NamedTuple):
+        axis: int = 0
+
+        def bisect(self, graph, rng):
+            x = graph.centroids[:, self.axis]
+            return x > np.median(x)
+
+    class Size(NamedTuple):
+        unit: float = 1.0
+
+        def measure(self, mesh, labels):
+            return np.bincount(labels, mesh.cell_measures) / self.unit
+
+    hierarchy = run(bisector=Along())
+    same(hierarchy, run(bisector=Halves()))
+    assert hierarchy.quality(0, metrics=[Size(0.5)])["Size"].sum() == pytest.approx(2.0)
 
 
 def test_options_and_defaults_matter():
