@@ -12,8 +12,8 @@ Three interfaces to the same laws::
     from agglo_core.conformance import conformance
     test_conformance = conformance("bisector:mine")      # in a pytest file
 
-Messages show drawn inputs as code, with :class:`DrawnMesh`, :class:`DrawnGraph`, :class:`DrawnLevel` and
-:func:`drawn_labels`.
+Messages show drawn inputs as code, with :class:`DrawnMesh`, :class:`DrawnGraph`, :class:`DrawnLevel`,
+:class:`DrawnProblem`, :class:`DrawnPlate` and :func:`drawn_labels`.
 """
 
 from agglo_core.conformance.engine.front import conformance
@@ -21,5 +21,16 @@ from agglo_core.conformance.engine.judging import Result
 from agglo_core.conformance.engine.runner import check
 from agglo_core.conformance.inputs.drawn import DrawnGraph, DrawnMesh, drawn_labels
 from agglo_core.conformance.inputs.multigrid_cases import DrawnLevel
+from agglo_core.conformance.inputs.solver_cases import DrawnPlate, DrawnProblem
 
-__all__ = ["DrawnGraph", "DrawnLevel", "DrawnMesh", "Result", "check", "conformance", "drawn_labels"]
+__all__ = [
+    "DrawnGraph",
+    "DrawnLevel",
+    "DrawnMesh",
+    "DrawnPlate",
+    "DrawnProblem",
+    "Result",
+    "check",
+    "conformance",
+    "drawn_labels",
+]

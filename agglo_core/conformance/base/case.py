@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +17,8 @@ from agglo_core.problems import Linear, MultigridLevel
 class Case:
     """Test case: a name, the arguments of one call to a component, and the code that makes drawn arguments.
 
-    ``mesh`` is the mesh of a drawn graph, if its cells are the nodes in their order.
+    ``mesh`` is the mesh of a drawn graph, if its cells are the nodes in their order. ``options`` are those of
+    the component for this call.
 
     ================  =================================
     kind              arguments
@@ -44,6 +46,7 @@ class Case:
     given: tuple[Any, ...] = field(repr=False)
     code: str = ""
     mesh: Mesh | None = field(default=None, repr=False)
+    options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def size(self) -> int | None:

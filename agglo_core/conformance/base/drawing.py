@@ -41,7 +41,7 @@ def drawn_law(
     *kinds : str
         Kinds of component.
     draw : callable
-        Returns the hypothesis strategy of the test cases for a component.
+        Returns the hypothesis strategy of the test cases for a component, or None if there are none.
     fixed : callable
         Returns further test cases, which are judged afterwards.
     examples : int
@@ -87,6 +87,8 @@ def require_of_all(holds: Property, subject: Subject, strategy: Any, examples: i
             smallest[:] = [(case, error)]
             raise
 
+    if strategy is None:
+        return
     name = getattr(holds, "__name__", "")
     for batch in range(-(-examples // _BATCH)):
         configure = settings(

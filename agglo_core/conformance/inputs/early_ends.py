@@ -10,7 +10,7 @@ from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.cases import cases, cases_in_3d, laplacian, tiny
-from agglo_core.conformance.inputs.solver_cases import unlike_diffusion
+from agglo_core.conformance.inputs.solver_cases import DEFINITE, UNLIKE_DIFFUSION, DrawnProblem
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion, Linear
 
@@ -19,7 +19,8 @@ def early_ends(kind: str) -> list[Case]:
     """Return degenerate and invalid test cases, which a component may refuse or fail on."""
     early_cases = [*tiny(kind), *cases_in_3d(kind)]
     if kind == "solver":
-        return [*early_cases, *_problems(), *unlike_diffusion()]
+        unusual = [DrawnProblem(sort=sort).case for sort in (*DEFINITE, *UNLIKE_DIFFUSION)]
+        return [*early_cases, *_problems(), *unusual]
     if kind == "metric":
         mesh = small_meshes.grid(4, 3)
         wrong = {"labels with a gap": np.arange(12) % 3 * 2, "labels for too few cells": np.arange(5) % 2}

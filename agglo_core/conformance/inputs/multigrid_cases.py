@@ -49,6 +49,8 @@ class DrawnLevel(Recipe):
         Pass the coarse correction to the smoother.
     rediscretised : bool
         Make the inherited matrix differ from the matrix of the level.
+    unit : float
+        Factor of the matrix.
 
     Examples
     --------
@@ -66,13 +68,14 @@ class DrawnLevel(Recipe):
     steps: int = 1
     corrected: bool = False
     rediscretised: bool = False
+    unit: float = 1.0
 
     @property
     def level(self) -> MultigridLevel:
         """The level as smoothers receive it."""
         graph = self.drawn.graph
         labels = drawn_labels(graph, self.layout, self.parts, self.drawn.drawn.seed)
-        A = laplacian_of(graph, self.couplings, self.shift, self.drawn.drawn.seed)
+        A = self.unit * laplacian_of(graph, self.couplings, self.shift, self.drawn.drawn.seed)
         return level_of(
             graph,
             A,

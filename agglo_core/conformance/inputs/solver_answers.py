@@ -13,41 +13,38 @@ from agglo_core.arrays import Float
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
-from agglo_core.conformance.inputs.questions import answer, in_space, questions, select_accepted
+from agglo_core.conformance.inputs.questions import answer, questions
 from agglo_core.errors import AggloError
 from agglo_core.hierarchy import Hierarchy
-from agglo_core.problems import Diffusion, Linear, Problem, Solution
+from agglo_core.problems import Problem, Solution
 
 
 def solve(subject: Subject, case: Case, tool: Any = None) -> Solution:
     """Solve the problem of a test case with a newly built solver, or with ``tool`` if given."""
-    solution = answer(subject, subject.build() if tool is None else tool, case)
+    solution = answer(subject, subject.make(**case.options) if tool is None else tool, case)
     require(
         isinstance(solution, Solution), f"on {case.name}: it returned {solution!r:.60}, expected a Solution"
     )
     return solution  # type: ignore[no-any-return]
 
 
-def solve_unless_refused(
-    subject: Subject, name: str, problem: Problem, hierarchy: Hierarchy, tool: Any = None
-) -> Solution | None:
-    """Solve a problem, or return None if the solver refuses it with an AggloError."""
+def solve_unless_refused(subject: Subject, case: Case) -> Solution | None:
+    """Solve the problem of a test case, or return None if the solver refuses it or the options."""
     try:
-        return solve(subject, Case(name, (problem, hierarchy)), tool)
+        subject.make(**case.options)
+    except (AggloError, TypeError, ValueError):
+        return None
+    try:
+        return solve(subject, case)
     except Broken as error:
         if isinstance(error.__cause__, AggloError):
             return None
         raise
 
 
-def first_case(subject: Subject, sort: type[Diffusion] | type[Linear]) -> list[Case]:
-    """Return the first Diffusion or Linear test case that the solver accepts, or an empty list."""
-    return [case for case in questions(subject) if isinstance(case.given[0], sort)][:1]
-
-
-def cases_with_3d(subject: Subject) -> list[Case]:
-    """Return the standard test cases of a solver, with the 3-D cases if it promises 3-D."""
-    return [*questions(subject), *select_accepted(subject, in_space(subject))]
+def solves(subject: Subject, kind: type[Problem]) -> bool:
+    """Return True if the solver accepts problems of this class."""
+    return any(isinstance(case.given[0], kind) for case in questions(subject))
 
 
 def matrix_of(A: Any) -> Any:
@@ -70,22 +67,17 @@ def gap(x: Float, wanted: Float) -> float:
     return float(np.linalg.norm(x - wanted) / max(float(np.linalg.norm(wanted)), 1e-300))
 
 
-def values(tool: Any, hierarchy: Hierarchy, x: Float, one: Float | None) -> tuple[Float, Float] | None:
-    """Return points ``(q, d)`` inside the cells and the solution values ``(q,)`` there.
+def values(tool: Any, hierarchy: Hierarchy, x: Float, one: Float) -> Float | None:
+    """Return the solution at the centroids of the cells, or None if the meaning of x is unknown.
 
     With a discretisation, the values come from its ``evaluate``. Otherwise a single unknown per cell is
-    taken as cell value, in units of ``one``, the unknowns of the constant 1 (or 1 if ``one`` is None).
-    Return None if the meaning of x is unknown.
+    taken as cell value, in units of ``one``, the unknowns of the constant 1.
     """
     mesh, discretisation = hierarchy.fine, getattr(tool, "discretisation", None)
     assert mesh is not None
-    points = mesh.cell_centroids
     if discretisation is not None:
-        return points, np.asarray(discretisation.evaluate(mesh, x, points))
-    unit = np.ones(mesh.n_cells) if one is None else one
-    if len(x) == mesh.n_cells and np.abs(unit).min() > 0.0:
-        return points, x / unit
-    return None
+        return np.asarray(discretisation.evaluate(mesh, x, mesh.cell_centroids))
+    return x / one if len(x) == mesh.n_cells and np.abs(one).min() > 0.0 else None
 
 
 def option_named(subject: Subject, *names: str) -> str | None:

@@ -10,6 +10,10 @@ from agglo_core.conformance.base.verdict import require
 from agglo_core.conformance.inputs.mesh_cases import UNSAFE
 from agglo_core.conformance.inputs.questions import answer, in_words, questions
 
+_ACTIVE = re.compile(
+    r"<\s*(script|iframe|object|embed|link)|<[^>]*\s(on\w+\s*=|src\s*=\s*[\"']?https?:)", re.IGNORECASE
+)
+
 
 @law("section")
 def titled(subject: Subject) -> None:
@@ -22,35 +26,18 @@ def titled(subject: Subject) -> None:
 
 
 @law("section")
-def html_text(subject: Subject) -> None:
-    """The method ``html`` returns a string."""
+def static_html(subject: Subject) -> None:
+    """``html`` returns text without scripts, event handlers or external resources, and escapes names."""
     for case in questions(subject):
         html = answer(subject, subject.build(), case)
         require(isinstance(html, str), f"{case.name}: html returned {in_words(html)}, expected a string")
-
-
-@law("section")
-def no_scripts(subject: Subject) -> None:
-    """The HTML contains no scripts, external resources or event handlers."""
-    for case in questions(subject):
-        match = re.search(
-            r"<\s*(script|iframe|object|embed|link)|<[^>]*\s(on\w+\s*=|src\s*=\s*[\"']?https?:)",
-            answer(subject, subject.build(), case),
-            re.I,
-        )
+        active = _ACTIVE.search(html)
         require(
-            match is None,
-            f"{case.name}: html contains {match and match[0][:40]!r}: a report is one static file; draw "
+            active is None,
+            f"{case.name}: html contains {active and active[0][:40]!r}: a report is one static file; draw "
             "with SVG and style attributes",
         )
-
-
-@law("section")
-def names_escaped(subject: Subject) -> None:
-    """Names and messages are escaped for HTML."""
-    for case in questions(subject):
-        text = answer(subject, subject.build(), case)
         require(
-            UNSAFE not in text and "<b id=" not in text,
+            UNSAFE not in html and "<b id=" not in html,
             f"{case.name}: html contains a name unescaped, tags included: use html.escape(name)",
         )

@@ -17,14 +17,25 @@ from agglo_core.errors import AggloError
 from agglo_core.mesh import Mesh
 from agglo_core.registry.options import options_of
 
+_SIZES = (2, 3, 5, 9, 16, 25, 40)
+_MANY = 3000  # cells; larger samples are not made
+_FEW = 5  # some samples make equal meshes for n = 2 and 3
+
 
 @law("sample")
 def sample_is_mesh(subject: Subject) -> None:
-    """The sample is a Mesh."""
+    """The sample is a Mesh without cracks: no two faces of the boundary lie in the same place."""
     mesh = subject.build()
     require(
         isinstance(mesh, Mesh),
         f"it returned {in_words(mesh)}, expected a Mesh: Mesh.from_polygons(points, cells) makes one",
+    )
+    outer = mesh.face_centroids[mesh.face_cells[:, 1] < 0]
+    pairs = cKDTree(outer).query_pairs(1e-9 * mesh.h)
+    require(
+        not pairs,
+        f"{len(pairs)} pairs of boundary faces lie in the same place, for instance at "
+        f"{outer[next(iter(pairs))[0]] if pairs else ''}: give each point one number",
     )
 
 
@@ -45,11 +56,6 @@ def options_explained(subject: Subject) -> None:
             re.search(rf"\b{option.name}\b", text),
             f"option {option.name} is not documented: describe it in the docstring",
         )
-
-
-_SIZES = (2, 3, 5, 9, 16, 25, 40)
-_MANY = 3000  # cells; larger samples are not made
-_FEW = 5  # some samples make equal meshes for n = 2 and 3
 
 
 def _options(subject: Subject) -> set[str]:
@@ -76,19 +82,6 @@ def size_matters(subject: Subject) -> None:
     require(
         len(counts) > 1 and all(counts[a] < counts[b] or b < _FEW for a, b in pairwise(counts)),
         f"the numbers of cells by n are {counts}: more are expected for larger n, or an OptionError",
-    )
-
-
-@law("sample")
-def uncracked(subject: Subject) -> None:
-    """No two faces of the boundary lie in the same place, as along a crack of duplicate points."""
-    mesh = subject.build()
-    outer = mesh.face_centroids[mesh.face_cells[:, 1] < 0]
-    pairs = cKDTree(outer).query_pairs(1e-9 * mesh.h)
-    require(
-        not pairs,
-        f"{len(pairs)} pairs of boundary faces lie in the same place, for instance at "
-        f"{outer[next(iter(pairs))[0]] if pairs else ''}: give each point one number",
     )
 
 

@@ -164,7 +164,7 @@ class TakesWhatIsThere(Toy):
     """Write a line per cell, and read truncated files without an error."""
 
     def write(self, path, mesh, hierarchy=None):
-        super().write(path, mesh)
+        super().write(path, mesh, hierarchy)
         found = json.loads(path.read_text())
         lines = [found["points"], found["tags"], *found["cells"]]
         path.write_text("\n".join(map(json.dumps, lines)))
@@ -185,7 +185,7 @@ class TakesWhatIsThere(Toy):
 
 class LeavesALog(Toy):
     def write(self, path, mesh, hierarchy=None):
-        super().write(path, mesh)
+        super().write(path, mesh, hierarchy)
         Path(path.parent / "toy.log").write_text("written")
 
 
@@ -211,7 +211,7 @@ MUTANTS = [
     Mutant("suffixes_declared", LoudSuffix, "lower case"),
     Mutant("read_back", SixDigits, "17 digits"),
     Mutant("read_back", DropsTags, "cell tag"),
-    Mutant("lossless_kept", SaysLossless, "set lossless = False"),
+    Mutant("read_back", SaysLossless, "set lossless = False"),
     Mutant("read_back", ExchangesTags, "differs"),
     Mutant("read_back", WrapsLargeTags, "differs"),
     Mutant("read_back", TenDecimals, "17 digits"),

@@ -74,9 +74,9 @@ class NotLarger(LinearOnly):
 CORRECT: list[tuple[object, dict[str, bool]]] = []
 
 MUTANTS = [
-    Mutant("tolerance_met", TrustsTheRecursion, "pass the option to the iteration"),
-    Mutant("too_few_iterations_said", LeastSoFar, "not of the best iterate"),
+    Mutant("claims_hold", TrustsTheRecursion, "compare b − A x itself"),
+    Mutant("true_residual", LeastSoFar, "the best iterate"),
     Mutant("coarse_operators_inherited", DropsSmallEntries, "no small entries"),
     Mutant("symmetric", TwoSteps, "positive definite", {"symmetric": True}),
-    Mutant("given_matrix_used", NotLarger, "1 or -1"),
+    Mutant("claims_hold", NotLarger, "NaN must not pass"),
 ]

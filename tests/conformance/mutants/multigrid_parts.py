@@ -127,10 +127,10 @@ CORRECT = [
 MUTANTS = [
     Mutant("prolongation_fits", DenseProlongation, "expected a sparse matrix"),
     Mutant("prolongation_fits", OneColumnMore, "cannot be divided evenly"),
-    Mutant("columns_independent", TwiceTheSame, "have rank"),
+    Mutant("prolongation_fits", TwiceTheSame, "have rank"),
     Mutant("near_null_kept", Differences, "outside the range"),
     Mutant("coarse_matrix_fits", DenseProducts, "expected a sparse matrix"),
-    Mutant("coarse_matrix_symmetric", RestrictsDifferently, "its transpose"),
+    Mutant("coarse_matrix_fits", RestrictsDifferently, "its transpose"),
     Mutant("coarse_energy_kept", OnlyTheDiagonal, "keep the couplings"),
     Mutant("coarse_error_reduced", Regularised, "solve exactly"),
     Mutant("nothing_carried_over", KeyedByTheTrace, "key a cache"),

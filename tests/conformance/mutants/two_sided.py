@@ -113,10 +113,10 @@ CORRECT = [(TwoSided, {"deterministic": True, "pickles": True, "symmetric": True
 MUTANTS = [
     Mutant("both_sides", NoAfter, "there is no after"),
     Mutant("both_sides", ReturnsX, "the pair (x, b − A x)"),
-    Mutant("residual_of_before", ResidualOfZero, "b − A x for the returned x"),
-    Mutant("residual_of_before", BestStep, "no step length"),
+    Mutant("both_sides", ResidualOfZero, "b − A x for the returned x"),
+    Mutant("after_mirrors_before", BestStep, "no step length"),
     Mutant("after_mirrors_before", SameWayBack, "in reverse order"),
     Mutant("after_mirrors_before", ForgetsX, "use only the residual"),
-    Mutant("sides_leave_b", UsesUpB, "return a copy"),
-    Mutant("sides_leave_b", ZeroesB, "use a copy"),
+    Mutant("both_sides", UsesUpB, "use a copy"),
+    Mutant("both_sides", ZeroesB, "use a copy"),
 ]
