@@ -22,10 +22,10 @@ from agglo_core.registry import KINDS, PROMISES
 GUIDE = Path(__file__).parents[2] / "docs/how-to/write-a-plugin.md"
 
 
-def first_failure(subject: Subject) -> tuple[str, str]:
-    """Name of the first law that does not hold, and its message."""
+def first_failure(subject: Subject, name: str) -> tuple[str, str]:
+    """Name of the first law that does not hold, and its message; laws before ``name`` get few drawn cases."""
     for law in laws_for(subject):
-        result = judge(law, subject)
+        result = judge(law, subject if law.name == name else replace(subject, draws=10))
         if not result.passed:
             return result.law, result.message
     return "", ""
@@ -68,8 +68,6 @@ _BY_ALL = [
 """Mutants judged by all laws; the law on surroundings needs the law that builds the component before it."""
 
 
-_LONG = "time_grows_with_the_mesh"
-
 _FOUND_EARLIER = {"holes"}
 """Laws whose mutant an earlier law finds, since its inputs are drawn."""
 
@@ -77,17 +75,13 @@ FOUND = pytest.mark.xfail(strict=True, reason="drawn inputs of an earlier law fi
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mutant", [mutant for law, mutant in _FIRST.items() if law != _LONG], ids=str)
-def test_every_law_kills_its_mutant(mutant: Mutant) -> None:
+@pytest.mark.parametrize(
+    "mutant", [each for each in MUTANTS if each not in _BY_ALL or each.law in _FOUND_EARLIER], ids=str
+)
+def test_every_other_mutant_is_killed_by_its_law(mutant: Mutant) -> None:
     result = judge(law_of(mutant), subject_of_mutant(mutant))
     assert not result.passed
     assert mutant.says in result.message
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mutant", [each for each in MUTANTS if each not in _BY_ALL], ids=str)
-def test_every_other_mutant_is_killed_by_its_law(mutant: Mutant) -> None:
-    test_every_law_kills_its_mutant(mutant)
 
 
 @pytest.mark.slow
@@ -97,7 +91,7 @@ def test_every_other_mutant_is_killed_by_its_law(mutant: Mutant) -> None:
     [pytest.param(each, id=str(each), marks=FOUND if each.law in _FOUND_EARLIER else ()) for each in _BY_ALL],
 )
 def test_no_earlier_law_kills_the_mutant_of_a_law(mutant: Mutant) -> None:
-    law, message = first_failure(subject_of_mutant(mutant))
+    law, message = first_failure(subject_of_mutant(mutant), mutant.law)
     assert law == mutant.law, message
     assert mutant.says in message
 

@@ -89,7 +89,7 @@ def require_of_all(holds: Property, subject: Subject, strategy: Any, examples: i
 
     if strategy is None:
         return
-    name = getattr(holds, "__name__", "")
+    name, examples = getattr(holds, "__name__", ""), min(examples, subject.draws)
     for batch in range(-(-examples // _BATCH)):
         configure = settings(
             max_examples=min(_BATCH, examples),

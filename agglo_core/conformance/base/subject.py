@@ -42,6 +42,8 @@ class Subject:
         Cache of refused cases, because some formats take a second per case.
     thorough : bool
         Judge slow laws as well.
+    draws : int
+        Maximum number of drawn cases for each law.
     pace : list
         Cached result of the speed measurement (see :mod:`agglo_core.conformance.inputs.speed`).
     disturbed : list of str
@@ -59,6 +61,7 @@ class Subject:
     registry: Registry | None = None
     refused: dict[Any, bool] = field(default_factory=dict, compare=False, repr=False)
     thorough: bool = False
+    draws: int = 1000
     pace: list[Any] = field(default_factory=list, compare=False, repr=False)
     disturbed: list[str] = field(default_factory=list, compare=False, repr=False)
     told: Target | None = None
