@@ -14,10 +14,12 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import IO, Any
+
+from numba.core.event import Listener, register
 
 from agglo_core.conformance.base.handing_over import environment, subject_from, task_of
 from agglo_core.conformance.base.own_components import own_components
@@ -28,14 +30,11 @@ from agglo_core.errors import OptionError
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
 _STOPS = 2  # number of timeouts after which the remaining laws are skipped
-_START = 120.0  # CPU seconds to import the suite and the component, and to compile kernels
+_START = 120.0  # CPU seconds to import the suite and the component
 _START_ANOTHER = ("same_in_another_process",)  # laws that start a child process themselves
 
 _POLL = 0.1  # wall-clock seconds between two looks at the clock of the child process
-_IDLE = 0.02  # a process that used a smaller share of the time limit waits for something that never comes
-
-Listen = Callable[[float], dict[str, Any]]
-"""Return the next message of the child process; the argument is the limit in CPU seconds."""
+_IDLE = 0.02  # a process that uses a smaller share of a time limit waits for something that never comes
 
 
 class _Stopped(Exception):
@@ -54,87 +53,74 @@ def judge_apart(subject: Subject, timeout: float, names: Sequence[str] = ()) -> 
         If the component is an object, which another process cannot import, or needs an option; or if a law
         does not apply.
     """
-    task, results, pending_laws = task_of(subject), list[Result](), list(names)
+    task, results, pending = task_of(subject), list[Result](), list(names)
     for _ in range(_STOPS):
         try:
             # Start a child process; after a timeout or crash the next child continues with the laws left.
-            with _other_process({**task, "laws": pending_laws}) as listen:
-                listen(_START)
-                pending_laws = listen(timeout)["laws"]
-                while pending_laws:
-                    starting = _START if pending_laws[0] in _START_ANOTHER else 0.0
-                    results.append(Result(**listen(timeout + starting)))
-                    pending_laws = pending_laws[1:]
-            return results
+            with _Child({**task, "laws": pending}) as child:
+                child.listen(_START)
+                pending = child.listen(timeout)["laws"]
+                while pending:
+                    starting = _START if pending[0] in _START_ANOTHER else 0.0
+                    results.append(Result(**child.listen(timeout + starting)))
+                    pending = pending[1:]
         except _Stopped as stopped:
-            results.append(_result(pending_laws[0] if pending_laws else "builds", "FAILS", str(stopped)))
-            pending_laws = pending_laws[1:]
-            if not pending_laws:
-                return results
-    return results + [
-        _result(name, "not run", "the component had to be stopped twice") for name in pending_laws
-    ]
+            results.append(_result(pending[0] if pending else "builds", "FAILS", str(stopped)))
+            pending = pending[1:]
+        if not pending:
+            return results
+    return results + [_result(name, "not run", "the component had to be stopped twice") for name in pending]
 
 
-@contextlib.contextmanager
-def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
-    """Start a child process that tests the component described by ``task``.
+class _Child(contextlib.AbstractContextManager["_Child"]):
+    """Child process that tests the component described by ``task``; it is killed at the end."""
 
-    Yields a function that returns its messages. The child process is killed at the end.
-    """
-    command = [sys.executable, "-c", "from agglo_core.conformance.engine.isolation import main; main()"]
-    lines: queue.Queue[str] = queue.Queue()
-    with tempfile.TemporaryFile("w+") as errors:
-        child = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            text=True,
-            env=environment(),
-        )
+    def __init__(self, task: Mapping[str, Any]) -> None:
+        self.errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 (closed at the end)
+        command = [sys.executable, "-c", "from agglo_core.conformance.engine.isolation import main; main()"]
+        pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": self.errors}
+        self.process = subprocess.Popen(command, text=True, env=environment(), **pipes)
+        self.lines: queue.Queue[str] = queue.Queue()
+        threading.Thread(target=_read, args=(self.process.stdout, self.lines), daemon=True).start()
+        assert self.process.stdin is not None
+        with contextlib.suppress(BrokenPipeError), self.process.stdin as stdin:  # a dead process is reported
+            stdin.write(json.dumps(task))
 
-        # Wait for a message; silence and a dead process raise _Stopped.
-        def next_message(seconds: float, timeout: float) -> dict[str, Any]:
-            line = _next_line(lines, child.pid, seconds)
-            if line is None:
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.wait()
+        self.errors.close()
+
+    def listen(self, limit: float) -> dict[str, Any]:
+        """Return the next message, and raise _Stopped after ``limit`` CPU seconds or without any activity.
+
+        Compilation does not count.
+        """
+        used, last, compiling = 0.0, _clock(self.process.pid), False
+        window_start, used_before = time.monotonic(), 0.0
+        while True:
+            line = None
+            with contextlib.suppress(queue.Empty):
+                line = self.lines.get(timeout=_POLL)
+            # CPU seconds since the last look, and in a window of one time limit.
+            clock, now = _clock(self.process.pid), time.monotonic()
+            used, last = used + (0.0 if compiling else clock - last), clock
+            idle = now - window_start > limit and used - used_before < _IDLE * (now - window_start)
+            if compiling or now - window_start > limit:
+                window_start, used_before = now, used
+            if line is None and (used > limit or idle) and not compiling:
                 remedy = "look for a loop that may not terminate, or allow more time with --timeout"
-                raise _Stopped(f"no answer after {timeout:g} CPU seconds: {remedy}")
-            if not line:
-                errors.seek(0)
-                last = (errors.read().strip().splitlines() or ["it left no message"])[-1]
-                raise _Stopped(f"the process died (exit code {child.wait()}): {last}")
-            message: dict[str, Any] = json.loads(line)
+                raise _Stopped(f"no answer after {limit:g} CPU seconds: {remedy}")
+            if line == "":
+                self.errors.seek(0)
+                last_line = (self.errors.read().strip().splitlines() or ["it left no message"])[-1]
+                raise _Stopped(f"the process died (exit code {self.process.wait()}): {last_line}")
+            message: dict[str, Any] = json.loads(line) if line else {}
             if "refused" in message:
                 raise OptionError(message["refused"])
-            return message
-
-        # Return messages, and do not count the time of compilation.
-        def listen(seconds: float) -> dict[str, Any]:
-            seconds_left = seconds
-            while True:
-                start = _clock(child.pid)
-                message = next_message(seconds_left, seconds)
-                if "compiling" not in message:
-                    return message
-                seconds_left -= _clock(child.pid) - start
-                if message["compiling"]:  # compilation is off the clock
-                    next_message(_START, _START)
-
-        # Send the task, read messages in a thread, and kill the process at the end.
-        with child:
-            threading.Thread(target=_read, args=(child.stdout, lines), daemon=True).start()
-            try:
-                _write(child.stdin, json.dumps(task))
-                yield listen
-            finally:
-                child.kill()
-
-
-def _write(stream: IO[str] | None, text: str) -> None:
-    if stream is not None:
-        with contextlib.suppress(BrokenPipeError), stream:  # a dead process: the reader reports it
-            stream.write(text)
+            compiling = message.get("compiling", compiling)
+            if message and "compiling" not in message:
+                return message
 
 
 def _read(stream: IO[str], lines: queue.Queue[str]) -> None:
@@ -142,26 +128,6 @@ def _read(stream: IO[str], lines: queue.Queue[str]) -> None:
     for line in stream:
         lines.put(line)
     lines.put("")
-
-
-def _next_line(lines: queue.Queue[str], pid: int, seconds: float) -> str | None:
-    """Return the next line of a child process, or None if it uses up its CPU seconds.
-
-    The result is also None if the child waits, with hardly any CPU time, for as many seconds.
-    """
-    began, started = time.monotonic(), _clock(pid)
-    seen, seen_at = started, began
-    while True:
-        with contextlib.suppress(queue.Empty):
-            return lines.get(timeout=_POLL)
-        now, used = time.monotonic(), _clock(pid)
-        if used - started > seconds:
-            return None
-        # Waiting for a lock or asleep: hardly any CPU time within one time limit.
-        if now - seen_at > max(seconds, _POLL):
-            if used - seen < _IDLE * (now - seen_at):
-                return None
-            seen, seen_at = used, now
 
 
 def _clock(pid: int) -> float:
@@ -178,14 +144,31 @@ def _result(name: str, state: State, message: str) -> Result:
     return Result(law.name, law.sentence, state, message, 0.0, law.promise)
 
 
+class _Compilation(Listener):
+    """Listener that sends messages when numba starts and ends to compile or load kernels."""
+
+    def __init__(self, send: Any) -> None:
+        self.send, self.depth = send, 0
+
+    def on_start(self, event: object) -> None:
+        """Count the start of a compilation, which may be nested in another."""
+        self.depth += 1
+        if self.depth == 1:
+            self.send(compiling=True)
+
+    def on_end(self, event: object) -> None:
+        """Count the end of a compilation."""
+        self.depth -= 1
+        if self.depth == 0:
+            self.send(compiling=False)
+
+
 def main() -> None:
     """Test the component described on stdin, and print each law's result as a line of JSON.
 
     Other output goes to stderr. The parent counts CPU seconds after the imports, except while numba compiles
     or loads kernels.
     """
-    from agglo_core.conformance.engine.compilation import tell_of_compilation
-
     # Keep stdout for messages and redirect everything else to stderr.
     with os.fdopen(os.dup(1), "w") as stdout:
         os.dup2(2, 1)
@@ -204,7 +187,7 @@ def main() -> None:
             _ = subject.target
         own_components().build("bisector", "inertial")
         send_message(ready=True)
-        tell_of_compilation(lambda under_way: send_message(compiling=under_way))
+        register("numba:compiler_lock", _Compilation(send_message))  # type: ignore[no-untyped-call]
         # Select the laws, then judge and report them one by one.
         try:
             laws = {law.name: law for law in laws_for(subject, task["laws"])}

@@ -42,7 +42,7 @@ from agglo_core.problems import Diffusion, Linear, Solution
 from agglo_core.problems.iteration_history import TESTS
 from agglo_core.problems.residuals.backward_error import LIMIT, backward_error
 
-_EXAMPLES = 20  # drawn problems for each law
+_EXAMPLES = 15  # drawn problems for each law
 _CLOSE = 1e-4  # distinguishes wrong from unfinished: each solver stops at a tolerance of its own
 _TOLERANCE = ("tolerance", "tol", "rtol", "relative_tolerance")
 _MOST = ("max_iterations", "maxiter", "max_iter", "iterations", "most", "max_cycles", "cycles")

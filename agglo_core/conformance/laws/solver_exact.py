@@ -22,7 +22,7 @@ from agglo_core.conformance.inputs.strategies import plates, solver_cases
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion
 
-_EXAMPLES = 20  # drawn problems for each law
+_EXAMPLES = 15  # drawn problems for each law
 _CLOSE = 1e-3  # relative to the largest value; solvers stop at a tolerance of their own
 
 
