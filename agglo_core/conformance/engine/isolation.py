@@ -73,7 +73,7 @@ def judge_apart(subject: Subject, timeout: float, names: Sequence[str] = ()) -> 
 
 
 class _Child(contextlib.AbstractContextManager["_Child"]):
-    """Child process that tests the component described by ``task``; it is killed at the end."""
+    """Child process that tests the component described by ``task``, and is killed at the end."""
 
     def __init__(self, task: Mapping[str, Any]) -> None:
         self.errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 (closed at the end)

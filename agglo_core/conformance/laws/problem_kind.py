@@ -70,7 +70,7 @@ def table_read(subject: Subject) -> None:
         except PLUGIN_FAILURES as error:
             result = error
         require(given == table, f"the table {table} became {given}: work on a copy (dict(table))")
-        if table:
+        if table == {_UNKNOWN_KEY: 1.0}:
             require(
                 isinstance(result, AggloError) and _UNKNOWN_KEY in str(result),
                 f"a table with the key {_UNKNOWN_KEY!r} gave {in_words(result)}: raise an OptionError that "
@@ -78,6 +78,6 @@ def table_read(subject: Subject) -> None:
             )
         require(
             isinstance(result, AggloError | _class_of(tool)),
-            f"an empty table gave {in_words(result)}: give each key a default, or name the missing one in an "
-            "OptionError",
+            f"the table {table} gave {in_words(result)}: give each key a default, or name the missing one "
+            "in an OptionError",
         )

@@ -1,10 +1,12 @@
 """Table of the data that each file format preserves, found by writing and reading small meshes.
 
-The table shows for each format the supported cells, tags and labels, and losses or refusals.
+The table shows for each format the supported cells, tags and labels, and losses or refusals. It is part of
+``docs/reference/formats.md``, and printed by ``python docs/extensions/format_table.py``.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -22,7 +24,7 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import read, read_hierarchy, write
 from agglo_core.mesh import Mesh
 
-BEGIN = "<!-- written by `python -m agglo_core.conformance formats` -->"
+BEGIN = "<!-- written by `python docs/extensions/format_table.py` -->"
 END = "<!-- end of the generated table -->"
 
 FOREIGN = (".vtk", ".msh", ".avs", ".mesh", ".su2")
@@ -241,3 +243,7 @@ _TRAITS: Mapping[str, Callable[[Mesh, str], bool]] = {
     "targets": _targets,
     "coarse meshes": _coarse,
 }
+
+
+if __name__ == "__main__":
+    sys.stdout.write(f"{format_table()}\n")

@@ -9,17 +9,17 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import format_table
 import pytest
+from format_table import BEGIN, END, format_names, format_row, round_trips
 
 from agglo_core import FileError, Mesh
-from agglo_core.conformance.engine import format_page
-from agglo_core.conformance.engine.format_page import BEGIN, END, format_names, format_row, round_trips
 from agglo_core.io.npz import Npz
 from agglo_core.progress import to_nobody
 from agglo_core.registry import Component, Registry, default, hookimpl
 
 PAGE = Path(__file__).parents[2] / "docs/reference/formats.md"
-REMEDY = f"python -m agglo_core.conformance formats, in place of the table in {PAGE}"
+REMEDY = f"python docs/extensions/format_table.py, in place of the table in {PAGE}"
 NAMES = format_names()
 
 
@@ -72,7 +72,7 @@ def test_what_a_format_loses_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     registry = Registry()
     registry.register(Plugin(), "mine", distribution="mine", version="1")
     for name in ("read", "read_hierarchy", "write"):
-        monkeypatch.setattr(format_page, name, partial(getattr(format_page, name), registry=registry))
+        monkeypatch.setattr(format_table, name, partial(getattr(format_table, name), registry=registry))
     found = round_trips(".toy")
     assert found is not None
     expected = {"2-D cells": "polygons", "3-D cells": "refused", "digits": "lost", "labels": "lost"}
