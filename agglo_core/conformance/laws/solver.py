@@ -62,9 +62,11 @@ def _any_problems(subject: Subject) -> Any:
     return solver_cases(subject, sorts, [{}] * max(len(settings), 1) + settings)
 
 
-def _singular(subject: Subject) -> list[Case]:
-    """Return a singular system without a solution, on a mesh where factorisations succeed by rounding."""
-    return [DrawnProblem(DrawnMesh(cells=64), "singular", "grown", 16).case]
+def _fixed(subject: Subject) -> list[Case]:
+    """Return a singular system where factorisations succeed by rounding, and large systems."""
+    large = DrawnProblem(DrawnMesh(cells=1024), "slightly nonsymmetric", "grown", 64, levels=2)
+    singular = DrawnProblem(DrawnMesh(cells=64), "singular", "grown", 16)
+    return [singular.case, large.case, replace(large, sort="uneven").case]
 
 
 @drawn_law("solver", draw=solver_cases, examples=_EXAMPLES)
@@ -116,7 +118,13 @@ def solves(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("solver", draw=linear_cases, examples=2 * _EXAMPLES, when=lambda subject: accepts(subject, Linear))
+@drawn_law(
+    "solver",
+    draw=linear_cases,
+    fixed=_fixed,
+    examples=2 * _EXAMPLES,
+    when=lambda subject: accepts(subject, Linear),
+)
 def given_system_kept(subject: Subject, case: Case) -> None:
     """A linear system, even nonsymmetric, indefinite or of unequal blocks, is solved as given, or refused."""
     problem, it = case.given[0], solve_unless_refused(subject, case)
@@ -147,7 +155,7 @@ def true_residual(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("solver", draw=_any_problems, fixed=_singular, examples=4 * _EXAMPLES)
+@drawn_law("solver", draw=_any_problems, fixed=_fixed, examples=4 * _EXAMPLES)
 def claims_hold(subject: Subject, case: Case) -> None:
     """Claimed convergence is true, also on hard problems and after few iterations, or a reason is given."""
     it = solve_unless_refused(subject, case)
