@@ -13,7 +13,7 @@ from agglo_core.arrays import Float, Int, UInt64, frozen, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.mesh_cases import in_space, of_one_cell, on_meshes
-from agglo_core.conformance.inputs.multigrid_cases import PARTS, coarsenings, levels, one_part, single_unknown
+from agglo_core.conformance.inputs.multigrid_cases import PARTS, on_levels
 from agglo_core.conformance.inputs.unusual_graphs import fresh, level_in_space, ragged_level_in_space, tower
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
@@ -28,10 +28,8 @@ def cases(kind: str, seed: int = 0) -> list[Case]:
     """Return the standard test cases for a kind of component, on 2-D meshes."""
     if kind == "solver":
         return _problems()
-    if kind == "smoother":
-        return levels()
-    if kind in PARTS:
-        return coarsenings(kind)
+    if kind in ("smoother", *PARTS):
+        return on_levels(kind)
     if kind == "sample":
         return [Case("it", ())]
     if kind in _ABOUT_MESHES:
@@ -88,10 +86,10 @@ def tiny(kind: str) -> list[Case]:
     """Return degenerate test cases: single cells, coincident centroids, interfaces of measure zero."""
     if kind in _ABOUT_MESHES:
         return of_one_cell(kind)
-    if kind in PARTS:
-        return one_part(kind)
-    if kind in ("smoother", "sample"):
-        return single_unknown() if kind == "smoother" else []
+    if kind in ("smoother", *PARTS):
+        return on_levels(kind, degenerate=True)
+    if kind == "sample":
+        return []
     if kind == "solver":
         hierarchy = _hierarchy(small_meshes.grid(1, 1), frozen_int([0]))
         return [

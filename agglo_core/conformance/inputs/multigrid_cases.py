@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -73,18 +73,13 @@ class DrawnLevel(Recipe):
     @property
     def level(self) -> MultigridLevel:
         """The level as smoothers receive it."""
-        graph = self.drawn.graph
-        labels = drawn_labels(graph, self.layout, self.parts, self.drawn.drawn.seed)
-        A = self.unit * laplacian_of(graph, self.couplings, self.shift, self.drawn.drawn.seed)
-        return level_of(
-            graph,
-            A,
-            labels,
-            per_cell=self.width,
-            corrected=self.corrected,
-            steps=self.steps,
-            rediscretised=self.rediscretised,
-        )
+        graph, seed = self.drawn.graph, self.drawn.drawn.seed
+        labels = drawn_labels(graph, self.layout, self.parts, seed)
+        A = self.unit * laplacian_of(graph, self.couplings, self.shift, seed)
+        level = level_of(graph, A, labels, per_cell=self.width, corrected=self.corrected, steps=self.steps)
+        if self.rediscretised:
+            level = replace(level, inherited=level.A + 0.5 * sparse.diags_array(level.A.diagonal()))
+        return level
 
     @property
     def smoothing(self) -> tuple[MultigridLevel, Float, Float]:
@@ -101,8 +96,18 @@ class DrawnLevel(Recipe):
     @property
     def system(self) -> tuple[Any, Float]:
         """The arguments of a coarse solver: matrix and right-hand side."""
-        step, _ = self.coarsening
-        return step.A, _load(step.A.shape[0])
+        A = self.coarsening[0].A
+        return A, _load(A.shape[0])
+
+    def case(self, kind: str, name: str = "") -> Case:
+        """Return the test case for a kind of multigrid component, with the code that makes it."""
+        variables, attribute = {
+            "smoother": ("level, b, x", "smoothing"),
+            "coarse_solver": ("A, b", "system"),
+        }.get(kind, ("step, P", "coarsening"))
+        given = getattr(self, attribute)[: 1 if kind == "transfer" else None]
+        name = name or f"a level of {self.drawn.graph.n * self.width} unknowns"
+        return Case(name, given, f"{variables} = {self!r}.{attribute}")
 
 
 def laplacian_of(graph: Graph, couplings: Couplings = "even", shift: float = 0.05, seed: int = 0) -> Any:
@@ -117,99 +122,26 @@ def laplacian_of(graph: Graph, couplings: Couplings = "even", shift: float = 0.0
 
 
 def level_of(
-    graph: Graph,
-    scalar: Any,
-    labels: Int,
-    *,
-    per_cell: int = 1,
-    corrected: bool = False,
-    steps: int = 2,
-    rediscretised: bool = False,
+    graph: Graph, scalar: Any, labels: Int, *, per_cell: int = 1, corrected: bool = False, steps: int = 2
 ) -> MultigridLevel:
     """Return a multigrid level whose coarse unknowns are the parts of ``labels``.
 
     ``scalar`` is the matrix for one unknown per cell. Each patch is a cell with its neighbours.
     """
+    coupling = np.eye(per_cell) + 0.05 * (np.ones((per_cell, per_cell)) - np.eye(per_cell))
+    A = sparse.csr_array(sparse.kron(scalar, coupling))
     inject = sparse.csr_array((np.ones(graph.n), (np.arange(graph.n), labels)))
-    A = sparse.csr_array(sparse.kron(scalar, _coupling(per_cell)))
     P = sparse.csr_array(sparse.kron(inject, sparse.eye_array(per_cell)))
     P.eliminate_zeros()
-    offsets = frozen_int(np.arange(graph.n + 1) * per_cell)
     solve = splu(sparse.csc_array(P.T @ A @ P)).solve
 
     def correction(residual: Float) -> Float:
         return np.asarray(P @ solve(P.T @ residual))
 
-    # Patches from the rows of adjacency plus identity.
     around = sparse.csr_array(graph.to_scipy() + sparse.eye_array(graph.n))
     patches = Patches(frozen_int(around.indptr), frozen_int(around.indices))
-    inherited = sparse.csr_array(A + 0.5 * sparse.diags_array(A.diagonal())) if rediscretised else A
-    cells = frozen_int(np.arange(graph.n))
-    return MultigridLevel(A, inherited, offsets, cells, P, correction if corrected else None, steps, patches)
-
-
-def levels() -> list[Case]:
-    """Return the standard test cases for smoothers, with one or three unknowns per cell.
-
-    One level has a coarse correction. ``x`` is random and not a solution.
-    """
-    jittered = DrawnGraph(DrawnMesh(cells=63, jitter=0.25))
-    recipes = {
-        "squares": DrawnLevel(_SQUARES, "grown", 16, steps=2),
-        "squares with a coarse correction": DrawnLevel(_SQUARES, "grown", 16, steps=2, corrected=True),
-        "quadrilaterals": DrawnLevel(jittered, parts=7, steps=2),
-        "three unknowns per cell": DrawnLevel(_SQUARES, "grown", 16, width=3, steps=2),
-    }
-    return [Case(name, recipe.smoothing) for name, recipe in recipes.items()]
-
-
-def single_unknown() -> list[Case]:
-    """Return a test case for smoothers with a single unknown."""
-    return [Case("one unknown", DrawnLevel(DrawnGraph()).smoothing)]
-
-
-def _coupling(width: int) -> Float:
-    """Return a symmetric positive definite matrix ``(width, width)`` that couples the unknowns of a cell."""
-    return np.eye(width) + 0.05 * (np.ones((width, width)) - np.eye(width))
-
-
-def question(name: str, level: MultigridLevel) -> Case:
-    """Return the test case to smooth a random ``x`` on a multigrid level."""
-    n = level.A.shape[0]
-    x = np.random.default_rng(n).standard_normal(n)
-    return Case(name, (level, _load(n), frozen_float(x)))
-
-
-def _load(n: int) -> Float:
-    return frozen_float(1.0 + np.cos(np.arange(n) + 1.0))  # with a constant part, the smoothest mode
-
-
-def coarsenings(kind: str) -> list[Case]:
-    """Return the standard test cases of coarsenings, with one or three unknowns per cell."""
-    jittered = DrawnGraph(DrawnMesh(cells=63, jitter=0.25))
-    recipes = {
-        "squares": DrawnLevel(_SQUARES, "grown", 16),
-        "quadrilaterals": DrawnLevel(jittered, parts=7),
-        "three unknowns per cell": DrawnLevel(_SQUARES, "grown", 16, width=3),
-    }
-    return [coarsening_case(kind, name, recipe) for name, recipe in recipes.items()]
-
-
-def one_part(kind: str) -> list[Case]:
-    """Return degenerate coarsenings: of a single cell, and of a mesh into a single part."""
-    recipes = {
-        "one unknown": DrawnLevel(DrawnGraph()),
-        "all in one part": DrawnLevel(DrawnGraph(DrawnMesh(cells=12)), parts=1),
-    }
-    return [coarsening_case(kind, name, recipe) for name, recipe in recipes.items()]
-
-
-def coarsening_case(kind: str, name: str, recipe: DrawnLevel) -> Case:
-    """Return the test case of a transfer, coarse operator or coarse solver, with the code that makes it."""
-    if kind == "coarse_solver":
-        return Case(name, recipe.system, f"A, b = {recipe!r}.system")
-    given: tuple[Any, ...] = recipe.coarsening
-    return Case(name, given[:1] if kind == "transfer" else given, f"step, P = {recipe!r}.coarsening")
+    offsets, cells = frozen_int(np.arange(graph.n + 1) * per_cell), frozen_int(np.arange(graph.n))
+    return MultigridLevel(A, A, offsets, cells, P, correction if corrected else None, steps, patches)
 
 
 def coarsening_of(level: MultigridLevel, width: int) -> Coarsening:
@@ -223,3 +155,32 @@ def coarsening_of(level: MultigridLevel, width: int) -> Coarsening:
 
     near_null = frozen_float(np.kron(np.ones((n, 1)), np.eye(width)))
     return Coarsening(A, level.block_offsets, level.labels, parents, parents, near_null, P, rediscretised)
+
+
+def question(name: str, level: MultigridLevel) -> Case:
+    """Return the test case to smooth a random ``x``, which is not the solution, on a multigrid level."""
+    n = level.A.shape[0]
+    x = np.random.default_rng(n).standard_normal(n)
+    return Case(name, (level, _load(n), frozen_float(x)))
+
+
+def _load(n: int) -> Float:
+    return frozen_float(1.0 + np.cos(np.arange(n) + 1.0))  # with a constant part, the smoothest mode
+
+
+_STANDARD = {
+    "squares": DrawnLevel(_SQUARES, "grown", 16, steps=2),
+    "squares with a coarse correction": DrawnLevel(_SQUARES, "grown", 16, steps=2, corrected=True),
+    "quadrilaterals": DrawnLevel(DrawnGraph(DrawnMesh(cells=63, jitter=0.25)), parts=7, steps=2),
+    "three unknowns per cell": DrawnLevel(_SQUARES, "grown", 16, width=3, steps=2),
+}
+_DEGENERATE = {
+    "one unknown": DrawnLevel(DrawnGraph()),
+    "all in one part": DrawnLevel(DrawnGraph(DrawnMesh(cells=12)), parts=1),
+}
+
+
+def on_levels(kind: str, *, degenerate: bool = False) -> list[Case]:
+    """Return the standard or degenerate test cases for a kind of multigrid component."""
+    recipes = _DEGENERATE if degenerate else _STANDARD
+    return [recipe.case(kind, name) for name, recipe in recipes.items()]

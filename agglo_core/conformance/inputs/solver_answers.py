@@ -42,7 +42,7 @@ def solve_unless_refused(subject: Subject, case: Case) -> Solution | None:
         raise
 
 
-def solves(subject: Subject, kind: type[Problem]) -> bool:
+def takes(subject: Subject, kind: type[Problem]) -> bool:
     """Return True if the solver accepts problems of this class."""
     return any(isinstance(case.given[0], kind) for case in questions(subject))
 

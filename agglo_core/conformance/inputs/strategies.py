@@ -26,7 +26,7 @@ from agglo_core.conformance.inputs.drawn import (
     drawn_labels,
 )
 from agglo_core.conformance.inputs.mesh_cases import TAG
-from agglo_core.conformance.inputs.multigrid_cases import COUPLINGS, DrawnLevel, coarsening_case
+from agglo_core.conformance.inputs.multigrid_cases import COUPLINGS, DrawnLevel
 from agglo_core.conformance.inputs.questions import questions
 from agglo_core.conformance.inputs.solver_cases import (
     DEFINITE,
@@ -237,18 +237,16 @@ def levels(draw: Draw, sizes: Sequence[int] = (9, 1, 2, 4, 16, 30, 42, 63)) -> D
 @st.composite
 def smoother_cases(draw: Draw, subject: Subject) -> Case:
     """Draw a level with right-hand side and approximation for a smoother."""
-    recipe = draw(levels())
-    given = recipe.smoothing
-    return Case(f"a level of {len(given[1])} unknowns", given, f"level, b, x = {recipe!r}.smoothing")
+    recipe: DrawnLevel = draw(levels())
+    return recipe.case(subject.kind)
 
 
 @st.composite
 def coarsening_cases(draw: Draw, subject: Subject) -> Case:
     """Draw a test case for a transfer, coarse operator or coarse solver, with nearly singular matrices."""
     sizes = (9, 1, 2, 4, 16, 42, 63) if subject.kind != "coarse_solver" else (9, 1, 2, 16, 63, 200, 400)
-    recipe = replace(draw(levels(sizes)), shift=draw(one_of_values((0.05, 1.0, 1e-6))))
-    case = coarsening_case(subject.kind, "", recipe)
-    return replace(case, name=f"a level of {recipe.level.A.shape[0]} unknowns")
+    recipe: DrawnLevel = replace(draw(levels(sizes)), shift=draw(one_of_values((0.05, 1.0, 1e-6))))
+    return recipe.case(subject.kind)
 
 
 @st.composite

@@ -26,7 +26,7 @@ from agglo_core.conformance.inputs.solver_answers import (
     option_named,
     solve,
     solve_unless_refused,
-    solves as accepts,
+    takes,
 )
 from agglo_core.conformance.inputs.solver_cases import (
     DEFINITE,
@@ -123,7 +123,7 @@ def solves(subject: Subject, case: Case) -> None:
     draw=linear_cases,
     fixed=_fixed,
     examples=2 * _EXAMPLES,
-    when=lambda subject: accepts(subject, Linear),
+    when=lambda subject: takes(subject, Linear),
 )
 def given_system_kept(subject: Subject, case: Case) -> None:
     """A linear system, even nonsymmetric, indefinite or of unequal blocks, is solved as given, or refused."""
@@ -251,7 +251,7 @@ def _scaled(case: Case, matrix: float, data: float) -> Case:
     "solver",
     draw=lambda subject: solver_cases(subject, ORDINARY[1:]),
     examples=5,
-    when=lambda subject: accepts(subject, Linear),
+    when=lambda subject: takes(subject, Linear),
 )
 def columns_solved(subject: Subject, case: Case) -> None:
     """Several right-hand sides, of unlike size, are each solved if converged is set, or else refused."""

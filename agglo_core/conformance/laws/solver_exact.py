@@ -16,7 +16,7 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
-from agglo_core.conformance.inputs.solver_answers import gap, solve_unless_refused, solves, values
+from agglo_core.conformance.inputs.solver_answers import gap, solve_unless_refused, takes, values
 from agglo_core.conformance.inputs.solver_cases import DrawnPlate, on_levels, times
 from agglo_core.conformance.inputs.strategies import plates, solver_cases
 from agglo_core.hierarchy import Hierarchy
@@ -27,7 +27,7 @@ _CLOSE = 1e-3  # relative to the largest value; solvers stop at a tolerance of t
 
 
 def _takes_diffusion(subject: Subject) -> bool:
-    return solves(subject, Diffusion)
+    return takes(subject, Diffusion)
 
 
 def _tagged_meshes(subject: Subject) -> Any:
