@@ -36,8 +36,8 @@ def on_meshes(kind: str) -> list[Case]:
         return [Case(mesh.name, (tag_cells_and_faces(mesh), bands(mesh, 3))) for mesh in meshes]
     if kind == "section":
         return [
-            _report_case(small_meshes.grid(6, 4)),
-            _report_case(replace(small_meshes.mixed_polygons(), name=UNSAFE)),
+            report_case(small_meshes.grid(6, 4)),
+            report_case(replace(small_meshes.mixed_polygons(), name=UNSAFE)),
         ]
     # Formats: triangles, tagged quadrilaterals, mixed polygons, and a cell with a hole.
     around = np.ones((5, 5), int)
@@ -98,17 +98,17 @@ def _case_on(kind: str, mesh: Mesh) -> Case:
     elif kind == "discretisation":
         arguments = (Diffusion(source=lambda x: 1.0 + x[:, 0]), mesh)
     elif kind == "section":
-        return _report_case(mesh)
+        return report_case(mesh)
     return Case(mesh.name, tuple(arguments))
 
 
-def _report_case(mesh: Mesh) -> Case:
-    """Return a test case for report sections: a run with two levels, and a failed run."""
+def report_case(mesh: Mesh, unsafe: str = UNSAFE) -> Case:
+    """Return a test case for report sections: a run with two levels, and a failed run with this name."""
     levels = [bands(mesh, 4), bands(mesh, 4) // 2]
     targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]
     hierarchy = Hierarchy(mesh, mesh.graph, levels, targets, nested=True)
     runs = [
         RunResult(mesh.name, hierarchy, measure_levels(mesh, hierarchy), 0.25, cpu_seconds=0.25),
-        RunResult("another", None, error=f"it could not be run on {UNSAFE}"),
+        RunResult(f"another {unsafe}", None, error=f"it could not be run on {unsafe}"),
     ]
     return Case(f"a report on {mesh.name!r}", (mesh, runs))

@@ -25,7 +25,7 @@ from agglo_core.conformance.inputs.drawn import (
     Layout,
     drawn_labels,
 )
-from agglo_core.conformance.inputs.mesh_cases import TAG
+from agglo_core.conformance.inputs.mesh_cases import TAG, UNSAFE, report_case
 from agglo_core.conformance.inputs.multigrid_cases import COUPLINGS, DrawnLevel
 from agglo_core.conformance.inputs.questions import questions
 from agglo_core.conformance.inputs.solver_cases import (
@@ -268,6 +268,15 @@ def mesh_cases(draw: Draw, subject: Subject) -> Case:
         return Case(mesh.name, (mesh,), code)
     kind = next((kind for kind in subject.build().accepts if kind != "diffusion"), "diffusion")
     return Case(mesh.name, (subject.problem(kind).example(mesh), mesh), code)
+
+
+@st.composite
+def section_cases(draw: Draw, subject: Subject) -> Case:
+    """Draw a mesh and runs for a section of the report, with names that need escapes."""
+    recipe = draw(meshes((*PLANE, *SOLID[:2]), (9, 1, 4, 30)))
+    name = draw(one_of_values((UNSAFE, "<script>alert(1)</script>", "a<b & c", '" onload="alert(1)')))
+    case = report_case(replace(recipe.mesh, name=name), name)
+    return replace(case, code=f"mesh = {recipe!r}.mesh\nname = {name!r}")
 
 
 def solver_cases(
