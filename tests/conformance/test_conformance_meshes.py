@@ -10,7 +10,19 @@ import pytest
 from agglo_core.arrays import frozen_int
 from agglo_core.conformance.engine.reference import TwoPointFlux
 from agglo_core.conformance.inputs import small_meshes
-from agglo_core.conformance.inputs.cases import cases, cases_in_3d, level_case, part_of_level, tiny
+from agglo_core.conformance.inputs.cases import (
+    ON_GRAPHS,
+    SIBLINGS,
+    cases,
+    cases_in_3d,
+    degenerate,
+    large_case,
+    large_cases,
+    part_of_level,
+    siblings,
+)
+from agglo_core.conformance.inputs.drawn import PLANE, SOLID, DrawnMesh
+from agglo_core.conformance.inputs.metric_cases import halve_faces
 from agglo_core.conformance.inputs.questions import fingerprints, global_random
 from agglo_core.conformance.laws.parts import loose_parts
 from agglo_core.graph.objectives import OBJECTIVES
@@ -31,30 +43,45 @@ def arrays_of(value):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_all_arrays_are_read_only(kind: str) -> None:
-    levels = [level_case(kind)] if kind in ("bisector", "refiner", "fixer") else []
-    for case in [*cases(kind), *tiny(kind), *cases_in_3d(kind), *levels]:
+    drawn = [*large_cases(kind)[:3], large_case(kind)] if kind in ON_GRAPHS else []
+    fixed = [] if kind in (*ON_GRAPHS, "metric") else [*cases(kind), *degenerate(kind), *cases_in_3d(kind)]
+    for case in [*drawn, *fixed, *siblings(kind)] if kind in SIBLINGS else fixed:
         assert not any(array.flags.writeable for array in arrays_of(case.given)), case.name
 
 
 def test_meshes() -> None:
-    meshes = {mesh.name: mesh for mesh in small_meshes.plane_meshes()}
-    for mesh in meshes.values():
-        assert mesh.graph.components().max() == 0
-    assert [meshes[name].n_cells for name in ("two cells", "strip", "square grid", "ring")] == [2, 9, 36, 24]
-    np.testing.assert_allclose(meshes["hexagons"].cell_measures, 1.5 * np.sqrt(3))
-    np.testing.assert_allclose(meshes["mixed polygons with hanging nodes"].cell_measures.sum(), 48)
+    np.testing.assert_allclose(small_meshes.hexagons(5, 4).cell_measures, 1.5 * np.sqrt(3))
+    np.testing.assert_allclose(small_meshes.mixed_polygons().cell_measures.sum(), 48)
     assert np.bincount(small_meshes.two_grids().graph.components()).tolist() == [6, 6]
     assert small_meshes.boxes().n_cells == 30
-    assert small_meshes.change_mesh(meshes["strip"], "scaled by 1e7")[0].h == pytest.approx(1e7 * np.sqrt(2))
+    for family in (*PLANE, *SOLID):
+        mesh = DrawnMesh(family, cells=30, jitter=0.25).mesh
+        assert mesh.graph.components().max() == 0
+        assert abs(mesh.n_cells - 30) <= (60 if family == "hub" else 18)
 
 
-def test_a_level_has_blocks_of_extreme_sizes() -> None:
-    level = small_meshes.level()
-    assert np.diff(level.offsets).tolist() == [4000] + [16] * 60
-    assert np.array_equal(level.components(), level.block_ids)
-    part = part_of_level(level_case("refiner"), [5, 0])
-    assert part.given[0].n == len(part.given[1]) == 4016
-    assert part.given[2].tolist() == level_case("refiner").given[2][[5, 0]].tolist()
+def test_faces_are_halved() -> None:
+    for family in ("voronoi", "tetrahedra"):
+        mesh = DrawnMesh(family, cells=20).mesh
+        halves = halve_faces(mesh)
+        assert halves.n_faces == mesh.n_faces * mesh.dim
+        np.testing.assert_allclose(halves.cell_measures, mesh.cell_measures)
+
+
+def test_blocks_can_be_taken_out() -> None:
+    level = large_cases("refiner")[2]
+    assert level.given[0].n_blocks == 40
+    assert np.array_equal(level.given[0].components(), level.given[0].block_ids)
+    part = part_of_level(level, [5, 0])
+    assert part.given[0].n == len(part.given[1]) == level.given[0].sizes[[5, 0]].sum()
+    assert part.given[2].tolist() == level.given[2][[5, 0]].tolist()
+
+
+def test_large_graphs_exceed_the_usual_integers() -> None:
+    chain, _, _, many = (case.given for case in large_cases("fixer"))
+    assert np.bincount(chain[1]).tolist() == [1500, 1500]
+    assert many[0].n_blocks == 6000
+    assert many[0].n_blocks * int(many[1].max() + 1) > 2**16
 
 
 def test_objectives_by_hand() -> None:
@@ -72,7 +99,7 @@ def test_objectives_by_hand() -> None:
 
 
 def test_fingerprints_tell_where_a_change_is() -> None:
-    graph = small_meshes.line(3)
+    graph = DrawnMesh(cells=3).mesh.graph
     before = dict(fingerprints((graph, [1])))
     graph.data["new"] = np.ones(3)  # type: ignore[index]
     after = dict(fingerprints((graph, [1])))

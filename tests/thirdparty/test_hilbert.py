@@ -121,4 +121,4 @@ def test_its_own_tests_pass_away_from_the_source_tree(hilbert: Path, tmp_path: P
     assert done.returncode == 0, done.stdout
     for name in "test_hilbert", "test_leaves", "test_gyration":
         assert f"{name}[is_found] PASSED" in done.stdout
-        assert f"{name}[survives] PASSED" in done.stdout
+        assert f"{name}[answers] PASSED" in done.stdout

@@ -116,6 +116,25 @@ def require_of_all(holds: Property, subject: Subject, strategy: Any, examples: i
         raise Broken(str(error), error.cause, _with_imports(case.code)) from error.__cause__
 
 
+def examples_of(strategy: Any, number: int) -> list[Any]:
+    """Return a few drawn test cases, the simplest first, which are the same in every run."""
+    from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
+
+    examples: list[Any] = []
+    configure = settings(
+        max_examples=number,
+        database=None,
+        deadline=None,
+        phases=(Phase.generate,),
+        suppress_health_check=list(HealthCheck),
+        verbosity=Verbosity.quiet,
+    )
+    seeded: Any = seed(number)
+    search = seeded(configure(given(strategy)(lambda example: examples.append(example))))  # type: ignore[no-untyped-call]
+    search()
+    return examples
+
+
 def _with_imports(code: str) -> str:
     """Return the code that makes a drawn case, with the import of its recipes."""
     names = sorted(set(re.findall(r"\b(?:Drawn\w+|drawn_labels)(?=\()", code)))

@@ -1,7 +1,8 @@
-"""Standard test cases for each component kind, on small meshes."""
+"""Test cases for each component kind, except those that are drawn."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -9,145 +10,261 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int, UInt64, frozen, frozen_int
+from agglo_core.arrays import Float, Int, UInt64, frozen, frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.drawn import DrawnGraph, DrawnMesh, Layout, drawn_labels
 from agglo_core.conformance.inputs.mesh_cases import in_space, of_one_cell, on_meshes
-from agglo_core.conformance.inputs.multigrid_cases import PARTS, on_levels
-from agglo_core.conformance.inputs.unusual_graphs import fresh, level_in_space, ragged_level_in_space, tower
+from agglo_core.conformance.inputs.multigrid_cases import (
+    PARTS,
+    coarsening_of,
+    laplacian_of,
+    level_of,
+    on_levels,
+    question,
+)
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion, Linear
 from agglo_core.protocols import Target
 
+ON_GRAPHS = ("bisector", "refiner", "fixer")
+"""Kinds whose components are called with a graph."""
+
+SIBLINGS = (*ON_GRAPHS, "metric", "solver", "smoother")
+"""Kinds with cases on different meshes of equal size."""
+
 _ABOUT_MESHES = ("format", "problem", "discretisation", "constraint", "section")
 
 
-def cases(kind: str, seed: int = 0) -> list[Case]:
-    """Return the standard test cases for a kind of component, on 2-D meshes."""
+def cases(kind: str) -> list[Case]:
+    """Return the standard test cases for a kind of component whose inputs are not drawn."""
     if kind == "solver":
         return _problems()
     if kind in ("smoother", *PARTS):
         return on_levels(kind)
-    if kind == "sample":
-        return [Case("it", ())]
-    if kind in _ABOUT_MESHES:
-        return on_meshes(kind)
-    meshes = small_meshes.plane_meshes()
-    if kind == "bisector":
-        return [Case(mesh.name, (mesh.graph, seeds_for(1, seed))) for mesh in meshes]
-    if kind == "metric":
-        return [
-            Case(mesh.name, (mesh, stripes(mesh.graph, 3))) for mesh in [*meshes, small_meshes.two_grids()]
-        ]
-    return [
-        labelled_case(kind, mesh.graph, mesh.name, labels(mesh.graph), target, seed)
-        for mesh in meshes
-        for labels, target in ((_halves, "count"), (_quarters, "size"), (_scatter_labels, "both"))
-    ]
+    return [Case("it", ())] if kind == "sample" else on_meshes(kind)
 
 
 def cases_in_3d(kind: str) -> list[Case]:
-    """Return the standard 3-D test cases for a kind of component.
-
-    The list is empty for kinds without mesh or graph.
-    """
+    """Return the 3-D test cases for a kind of component whose inputs are not drawn."""
     if kind in _ABOUT_MESHES:
         return in_space(kind)
-    if kind in ("smoother", "sample", *PARTS):
+    if kind != "solver":
         return []
-    # Graphs for bisectors, refiners and fixers; metrics and solvers get a mesh of boxes.
     mesh = small_meshes.boxes()
-    graphs = {
-        "3-D boxes": mesh.graph,
-        "a column of boxes": fresh(tower()),
-        "a level in 3-D": fresh(level_in_space()),
-        "tetrahedra": small_meshes.solids()[1].graph,
-    }
-    if kind == "bisector":
-        return [Case(name, (graph, seeds_for(graph.n_blocks))) for name, graph in graphs.items()]
-    if kind == "metric":
-        return [Case("3-D boxes", (mesh, stripes(mesh.graph, 3)))]
-    if kind == "solver":
-        hierarchy = _hierarchy(mesh, stripes(mesh.graph, 4))
-        return [
-            Case("3-D boxes", (problem, hierarchy)) for problem in (Diffusion(), laplacian(mesh.graph, 1))
-        ]
-    ragged, labels = ragged_level_in_space()
-    return [
-        labelled_case(kind, graph, name, labelled(graph), target)
-        for name, graph in graphs.items()
-        for labelled, target in ((_halves, "size"), (_scatter_labels, "count"))
-    ] + [labelled_case(kind, ragged, "a level of pieces of tetrahedra", labels, "both")]
+    hierarchy = _hierarchy(mesh, stripes(mesh.graph, 4))
+    return [Case("3-D boxes", (problem, hierarchy)) for problem in (Diffusion(), laplacian(mesh.graph, 1))]
 
 
-def tiny(kind: str) -> list[Case]:
-    """Return degenerate test cases: single cells, coincident centroids, interfaces of measure zero."""
+def degenerate(kind: str) -> list[Case]:
+    """Return test cases with a single cell or unknown, for kinds whose inputs are not drawn."""
     if kind in _ABOUT_MESHES:
         return of_one_cell(kind)
     if kind in ("smoother", *PARTS):
         return on_levels(kind, degenerate=True)
-    if kind == "sample":
+    if kind != "solver":
         return []
-    if kind == "solver":
-        hierarchy = _hierarchy(small_meshes.grid(1, 1), frozen_int([0]))
-        return [
-            Case("one cell", (problem, hierarchy)) for problem in (Diffusion(), laplacian(hierarchy.graph, 1))
-        ]
-    if kind == "metric":
-        return [
-            Case("one cell", (small_meshes.grid(1, 1), frozen_int([0]))),
-            Case("every cell alone", (small_meshes.grid(3, 2), frozen_int(np.arange(6)))),
-            Case(
-                "all cells in one",
-                (small_meshes.mixed_polygons(), frozen_int(np.zeros(small_meshes.mixed_polygons().n_cells))),
-            ),
-        ]
-    # Bisectors, refiners and fixers: short chains, coincident cells, interfaces without measure.
-    graphs = {
-        "one cell": small_meshes.line(1),
-        "two cells": small_meshes.line(2),
-        "three cells": small_meshes.line(3),
-        "eight cells in the same place": small_meshes.coincident(8),
-        "eight cells whose interfaces have no measure": small_meshes.line(8, interface=0.0),
-    }
-    if kind == "bisector":
-        return [Case(name, (graph, seeds_for(1))) for name, graph in graphs.items()]
+    hierarchy = _hierarchy(small_meshes.grid(1, 1), frozen_int([0]))
     return [
-        labelled_case(kind, graph, name, frozen_int(np.arange(graph.n) % 2), "both")
-        for name, graph in graphs.items()
+        Case("one cell", (problem, hierarchy)) for problem in (Diffusion(), laplacian(hierarchy.graph, 1))
     ]
 
 
-def level_case(kind: str) -> Case:
-    """Return a test case on a graph whose blocks have very different sizes.
-
-    For refiners and fixers with 1 to 3 parts per block.
-    """
-    level = small_meshes.level()
-    if kind == "bisector":
-        return Case("a level", (level, seeds_for(level.n_blocks)))
-    labels = np.concatenate(
-        [
-            np.arange(size) * (1 + b % 3) // size if b % 2 else np.arange(size) // 4 % (1 + b % 3)
-            for b, size in enumerate(np.diff(level.offsets))
+def failing(kind: str) -> list[Case]:
+    """Return test cases with zero or invalid data, which a solver or smoother may refuse or fail on."""
+    if kind == "smoother":
+        level, b, x = on_levels(kind)[0].given
+        nothing = replace(level, A=0.0 * level.A, inherited=0.0 * level.A)
+        return [
+            Case("zeros", (level, frozen_float(0.0 * b), frozen_float(0.0 * x))),
+            Case("a right-hand side with NaN", (level, frozen_float(np.nan * b), x)),
+            Case("a matrix of zeros", (nothing, b, x)),
         ]
-    )
-    labels[: level.offsets[1]] = np.arange(level.offsets[1]) // 80 % 7 % 3
-    return labelled_case(kind, level, "a level", frozen_int(labels), "count")
+    if kind != "solver":
+        return []
+    hierarchy = _problems()[0].given[1]
+    graph, fine = hierarchy.graph, laplacian(hierarchy.graph, 1)
+    problems = {
+        "no source": Diffusion(source=0.0),
+        "a source of NaN": Diffusion(source=np.nan),
+        "a negative coefficient": Diffusion(kappa=-1.0),
+        "a right-hand side of zeros": replace(fine, b=frozen_float(np.zeros(graph.n))),
+        "a right-hand side with NaN": replace(fine, b=frozen_float(np.full(graph.n, np.nan))),
+        "a singular system": laplacian(graph, 1, shift=0.0),
+        "a matrix of zeros": replace(fine, A=0.0 * fine.A),
+        "a system with too few cells": Linear(fine.A[1:, 1:], fine.b[1:], np.arange(graph.n)),
+    }
+    meshless = Hierarchy(None, graph, list(hierarchy.levels[:1]), list(hierarchy.targets[:1]), nested=True)
+    return [
+        *(Case(name, (problem, hierarchy)) for name, problem in problems.items()),
+        Case("diffusion without a mesh", (Diffusion(), meshless)),
+    ]
+
+
+_CHAIN = DrawnGraph(DrawnMesh("strip", cells=3000))
+_WIDE = DrawnGraph(DrawnMesh(cells=2000, jitter=0.25, renumbered=True))
+_BLOCKS = DrawnGraph(DrawnMesh(cells=2000, jitter=0.25), blocks=40, weights="steep", faces="steep")
+_MANY = DrawnGraph(DrawnMesh("strip", cells=15_000), blocks=6000)
+_HUGE = DrawnGraph(DrawnMesh(cells=75_000, jitter=0.25))
+
+
+def large_case(kind: str) -> Case:
+    """Return a test case with 2,000 cells, because some components switch algorithms at some size."""
+    return graph_case(kind, _WIDE, "noisy", 20, "both")
+
+
+def large_cases(kind: str) -> list[Case]:
+    """Return test cases on long chains, in hundreds of parts, or in thousands of blocks."""
+    return [
+        graph_case(kind, _CHAIN, "strips", 2, "size"),
+        graph_case(kind, _WIDE, "noisy", 300, "both"),
+        graph_case(kind, _BLOCKS, "noisy", 4, "both"),
+        graph_case(kind, _MANY, "alone", 1, "both"),
+    ]
+
+
+def huge_case(kind: str) -> Case:
+    """Return a test case whose cell count exceeds 16 bits, and its square 32 bits."""
+    return graph_case(kind, _HUGE, "noisy", 80, "both")
+
+
+def graph_case(
+    kind: str, recipe: DrawnGraph, layout: Layout = "strips", parts: int = 1, target: str = "count"
+) -> Case:
+    """Return the test case for a bisector, refiner or fixer on a drawn graph."""
+    graph: Graph = recipe.graph
+    name, seed = f"a graph of {graph.n} {recipe.drawn.family}", recipe.drawn.seed
+    if graph.n_blocks > 1:
+        name += f" in {graph.n_blocks} blocks"
+    code = f"graph = {recipe!r}.graph"
+    # The mesh, where its cells are the nodes of the graph.
+    mesh = recipe.drawn.mesh if DrawnGraph(recipe.drawn) == recipe and graph.n_blocks == 1 else None
+    if kind == "bisector":
+        return Case(name, (graph, seeds_for(graph.n_blocks, seed)), code, mesh)
+    labels = drawn_labels(graph, layout, parts, seed)
+    code += f"\nlabels = drawn_labels(graph, {layout!r}, {parts}, {seed})"
+    if kind == "fixer":
+        return Case(name, (graph, labels), code, mesh)
+    # As in runs, the part count refers to the whole mesh, and exceeds the part count here.
+    count = len(np.unique(labels + (int(labels.max()) + 1) * graph.block_ids)) + 2
+    size = 0.4 * float(np.linalg.norm(np.ptp(graph.points, axis=0)))
+    told = Target(None if target == "size" else count, None if target == "count" else size)
+    return Case(name, (graph, labels, seeds_for(graph.n_blocks, seed), told), code, mesh)
+
+
+def mesh_case(recipe: DrawnMesh, layout: Layout, parts: int) -> Case:
+    """Return the test case for a metric or constraint on a drawn mesh."""
+    mesh = recipe.mesh
+    labels = drawn_labels(mesh.graph, layout, parts, recipe.seed)
+    code = f"mesh = {recipe!r}.mesh\nlabels = drawn_labels(mesh.graph, {layout!r}, {parts}, {recipe.seed})"
+    return Case(f"{mesh.n_cells} {recipe.family} in {labels.max() + 1} parts", (mesh, labels), code)
 
 
 def part_of_level(case: Case, blocks: ArrayLike) -> Case:
     """Restrict a test case on a graph of several blocks to the given blocks, in this order."""
     graph, block_indices = case.given[0], np.asarray(blocks)
     nodes = np.concatenate([np.arange(graph.offsets[b], graph.offsets[b + 1]) for b in block_indices])
-    counts = {graph.n: nodes, graph.n_blocks: block_indices}
+    chosen = {graph.n: nodes, graph.n_blocks: block_indices}
     arguments = [
-        frozen(value[counts[len(value)]], value.dtype) if isinstance(value, np.ndarray) else value
+        frozen(value[chosen[len(value)]], value.dtype) if isinstance(value, np.ndarray) else value
         for value in case.given[1:]
     ]
-    return Case(case.name, (graph.take(block_indices), *arguments))
+    return replace(case, given=(graph.take(block_indices), *arguments))
+
+
+_STRETCHED = (DrawnMesh(cells=64, jitter=0.25, stretch=3.0), DrawnMesh(cells=64, jitter=0.25, stretch=0.3))
+
+
+def siblings(kind: str, *, partition: bool = False) -> Iterator[Case]:
+    """Yield test cases with equal numbers of cells and faces but different results, to expose wrong caches.
+
+    Each case is built when requested, so that it may reuse the memory of the previous case.
+    """
+    long, high = _STRETCHED
+    recipes = [long, replace(long, turn=True), high, replace(long, seed=1)]
+    if kind in ON_GRAPHS:
+        layouts: tuple[Layout, ...] = ("scattered",) if kind == "bisector" else ("scattered", "grown")
+        for weights in ("measures", "steep"):
+            for recipe in recipes:
+                for layout in layouts:
+                    yield graph_case(kind, DrawnGraph(recipe, weights=weights), layout, 3, "both")
+        for recipe in recipes if partition else ():
+            for parts in (3, 4):
+                yield kway_case(graph_case(kind, DrawnGraph(recipe)), parts)
+    elif kind == "metric":
+        for recipe in recipes:
+            for layout in ("strips", "grown"):
+                yield mesh_case(recipe, layout, 4)
+            yield _cells_renumbered(mesh_case(recipe, "grown", 4))
+    elif kind == "solver":
+        for recipe in _STRETCHED:
+            mesh = recipe.mesh
+            hierarchy = _hierarchy(mesh, stripes(mesh.graph, 4))
+            for problem in (Diffusion(), Diffusion(source=3.0), laplacian(mesh.graph, 1)):
+                yield Case("64 cells", (problem, hierarchy))
+    else:
+        for recipe in _STRETCHED[:1] if kind in PARTS else _STRETCHED:
+            yield from _of_equal_trace(kind, recipe)
+
+
+def _of_equal_trace(kind: str, recipe: DrawnMesh) -> Iterator[Case]:
+    """Yield cases whose matrices have equal size, trace, norm and entries, in reverse order."""
+    graph = recipe.mesh.graph
+    A = laplacian_of(graph, "uneven")
+    for matrix in (A, sparse.csr_array(A[::-1, ::-1])):
+        level = level_of(graph, matrix, stripes(graph, 4), corrected=True)
+        if kind == "smoother":
+            yield question("64 cells, in reverse order", level)
+            continue
+        step = coarsening_of(level, 1)
+        b = frozen_float(1.0 + np.arange(len(level.labels)))
+        given = {"transfer": (step,), "coarse_operator": (step, step.injected)}
+        yield Case("64 cells, in reverse order", given.get(kind, (step.A, b)))
+
+
+def _cells_renumbered(case: Case) -> Case:
+    """Permute the cell indices in the mesh of a test case, but not labels, points or faces."""
+    mesh, labels = case.given
+    number = np.append(np.random.default_rng(3).permutation(mesh.n_cells), -1)
+    renumbered = replace(mesh, face_cells=number[mesh.face_cells])
+    return Case(f"{case.name}, its cells renumbered and its labels not", (renumbered, labels))
+
+
+def kway_case(case: Case, parts: int) -> Case:
+    """Return the test case of a bisector as a direct partition into a number of parts."""
+    return replace(case, name=f"{case.name} in {parts} parts", given=(*case.given, Target(parts=parts)))
+
+
+_NAMES = (
+    ("material", "layer", "zone"),
+    ("porosity", "rock", "age"),
+    ("inflow", "wall", "outlet"),
+    ("one", "two", "three"),
+    ("a", "b", "c"),
+    ("north", "south", "west"),
+)
+"""Tag names; the first element of each set agrees in two processes by chance once in 700 times."""
+
+
+def with_tags(kind: str) -> list[Case]:
+    """Return test cases with three tags, to detect a dependence on the random order of sets."""
+    recipes = [
+        DrawnMesh(cells=20, jitter=0.25, tags=tuple((name, "small") for name in names)) for names in _NAMES
+    ]
+    if kind in ON_GRAPHS:
+        return [graph_case(kind, DrawnGraph(recipe), "strips", 2, "both") for recipe in recipes]
+    if kind == "metric":
+        return [mesh_case(recipe, "strips", 4) for recipe in recipes]
+    if kind != "solver":
+        return []
+    tagged = []
+    for recipe in recipes:
+        mesh, values = recipe.mesh, {tag: float(tag) for tag in (0, 1, 2)}
+        problem = Diffusion(2.0, 1.0, values, boundary=next(iter(mesh.face_tags)))
+        tagged.append(Case(recipe.tags[0][0], (problem, _hierarchy(mesh, stripes(mesh.graph, 2)))))
+    return tagged
 
 
 def seeds_for(blocks: int, seed: int = 0) -> UInt64:
@@ -163,9 +280,7 @@ def seeds_for(blocks: int, seed: int = 0) -> UInt64:
 
 def stripes(graph: Graph, parts: int) -> Int:
     """Return labels of strips with equal cell counts, cut across the longest axis."""
-    axis = int(np.argmax(np.ptp(graph.centroids, axis=0)))
-    rank = np.argsort(np.argsort(graph.centroids[:, axis], kind="stable"))
-    return frozen_int(np.unique(rank * min(parts, graph.n) // graph.n, return_inverse=True)[1])
+    return drawn_labels(graph, "strips", parts)
 
 
 def laplacian(graph: Graph, per_cell: int, shift: float = 0.1) -> Linear:
@@ -185,44 +300,6 @@ def with_problem(case: Case, **changes: Any) -> Case:
     """Replace some attributes of the problem in a test case for a solver."""
     problem, hierarchy = case.given
     return replace(case, given=(replace(problem, **changes), hierarchy))
-
-
-def labelled_case(kind: str, graph: Graph, name: str, labels: Int, told: str, seed: int = 0) -> Case:
-    """Return a test case for a refiner or fixer, with the given part labels.
-
-    ``told`` selects the target: "count", "size" or "both". As in runs, the part count refers to the
-    whole mesh, and exceeds the part count here.
-    """
-    if kind == "fixer":
-        return Case(name, (graph, labels))
-    # Number of distinct (block, label) pairs, plus a margin of 2.
-    parts = len(np.unique(labels + (int(labels.max()) + 1) * graph.block_ids)) + 2
-    size = 0.4 * float(np.linalg.norm(np.ptp(graph.points, axis=0)))
-    target = Target(None if told == "size" else parts, None if told == "count" else size)
-    return Case(name, (graph, labels, seeds_for(graph.n_blocks, seed), target))
-
-
-def _halves(graph: Graph) -> Int:
-    return _stripe_blocks(graph, 2)
-
-
-def _quarters(graph: Graph) -> Int:
-    return _stripe_blocks(graph, 4)
-
-
-def _stripe_blocks(graph: Graph, parts: int) -> Int:
-    return frozen_int(np.concatenate([stripes(graph[b], parts) for b in range(graph.n_blocks)]))
-
-
-def _scatter_labels(graph: Graph) -> Int:
-    """Return random labels 0, 1, 2, so that parts are disconnected.
-
-    The first cells of each block ensure that each label occurs.
-    """
-    labels = np.random.default_rng(graph.n).integers(min(3, graph.n), size=graph.n)
-    for first, stop in zip(graph.offsets[:-1], graph.offsets[1:], strict=True):
-        labels[first:stop][:3] = np.arange(min(3, stop - first))
-    return frozen_int(labels)
 
 
 def _problems() -> list[Case]:

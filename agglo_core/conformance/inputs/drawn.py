@@ -7,30 +7,42 @@ from typing import Literal
 from zlib import crc32
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
 
 from agglo_core import samples
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.mesh_changes import Change, renumber_mesh, transform_mesh
-from agglo_core.conformance.inputs.unusual_graphs import grow_regions
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 
-PLANE = ("rectangles", "triangles", "hexagons", "voronoi", "hanging", "nonconvex", "hub", "ring", "comb")
+PLANE = (
+    "rectangles",
+    "triangles",
+    "hexagons",
+    "voronoi",
+    "hanging",
+    "nonconvex",
+    "hub",
+    "ring",
+    "comb",
+    "strip",
+)
 """Families of drawn 2-D meshes, the simplest first."""
 
 SOLID = ("boxes", "tetrahedra", "prisms", "polyhedra", "voronoi3d")
 """Families of drawn 3-D meshes, the simplest first."""
 
-Layout = Literal["strips", "grown", "noisy", "scattered", "alone"]
-LAYOUTS: tuple[Layout, ...] = ("strips", "grown", "noisy", "scattered", "alone")
-"""Layouts of labels: bands, connected ragged parts, these with stray cells, random cells, single cells."""
+Layout = Literal["strips", "grown", "noisy", "scattered", "alone", "rings"]
+LAYOUTS: tuple[Layout, ...] = ("strips", "grown", "noisy", "scattered", "alone", "rings")
+"""Layouts of labels: bands, ragged parts, these with stray cells, random or single cells, rings."""
 
 WEIGHTS = ("measures", "ones", "steep", "uneven", "tiny", "zeros")
 """Weights of drawn graphs; uneven weights are zero for some cells."""
 
-FACES = ("measures", "uneven", "thin")
-"""Interfaces of drawn graphs: as measured, times 0.1 to 10, or zero for every third."""
+FACES = ("measures", "uneven", "thin", "steep", "none")
+"""Interfaces of drawn graphs: as measured; times 0.1 to 10; zero for every third; falling by 1e-9; zero."""
 
 VALUES = ("small", "negative", "large", "gmsh")
 """Tag values: 0 to 2; −1 to 1; up to 2^53; −1 and 101."""
@@ -140,6 +152,22 @@ def tag_values(name: str, values: str, n: int) -> Int:
     return frozen_int(np.array(table[values], np.int64)[draw])
 
 
+_RAGGED = 1.5
+"""Standard deviation of the log travel time between adjacent cells."""
+
+
+def grow_regions(graph: Graph, seeds: Int, rng: np.random.Generator) -> Int:
+    """Grow a region from each seed at random speeds, and return the region index of each node ``(n,)``.
+
+    Each node belongs to the seed that reaches it first (first-passage growth). The regions are ragged but
+    connected.
+    """
+    times = rng.lognormal(0.0, _RAGGED, len(graph.indices))
+    links = sparse.csr_array((times, graph.indices, graph.indptr), shape=(graph.n, graph.n))
+    first: Int = dijkstra(links, indices=seeds, min_only=True, return_predecessors=True)[2]
+    return frozen_int(np.searchsorted(seeds, first))
+
+
 def drawn_labels(graph: Graph, layout: Layout, parts: int, seed: int = 0) -> Int:
     """Return labels 0, 1, … of at most ``parts`` parts per block of a graph, all of which occur.
 
@@ -160,34 +188,34 @@ def drawn_labels(graph: Graph, layout: Layout, parts: int, seed: int = 0) -> Int
     """
     rng = np.random.default_rng(seed)
     place = np.arange(graph.n) - graph.offsets[graph.block_ids]
-    counts = graph.sizes if layout == "alone" else np.minimum(graph.sizes, parts)
     if layout == "alone":
         return frozen_int(place)
-    shuffled = np.lexsort((rng.random(graph.n), graph.block_ids))  # the cells of each block in random order
-    if layout in ("grown", "noisy"):
-        # The first cells of each block are seeds of its parts; cells out of reach join part 0.
-        first = shuffled[place < counts[graph.block_ids]]
-        seeds = np.sort(first)
-        region = grow_regions(graph, frozen_int(seeds), rng) if len(seeds) else place
-        start = np.concatenate(([0], np.cumsum(counts)[:-1]))
-        labels = region - start[graph.block_ids]
-        labels = np.where((labels >= 0) & (labels < counts[graph.block_ids]), labels, 0)
-        if layout == "noisy":
-            rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-            stray = rng.random(len(rows)) < 0.1
-            strayed = labels.copy()
-            strayed[rows[stray]] = labels[graph.indices[stray]]
-            strayed[seeds] = labels[seeds]
-            labels = strayed
+    counts = np.minimum(graph.sizes, parts)[graph.block_ids]  # parts in the block of each cell
+    labels = np.empty(graph.n, np.int64)
+    if layout in ("strips", "rings"):
+        key = graph.centroids[:, np.argmax(np.ptp(graph.centroids, axis=0))]
+        if layout == "rings":
+            key = np.linalg.norm(graph.centroids - graph.centroids.mean(axis=0), axis=1)
+        labels[np.lexsort((key, graph.block_ids))] = place * counts // graph.sizes[graph.block_ids]
         return frozen_int(labels)
-    if layout == "strips":
-        axis = int(np.argmax(np.ptp(graph.centroids, axis=0)))
-        order = np.lexsort((graph.centroids[:, axis], graph.block_ids))
-        labels = np.empty(graph.n, np.int64)
-        labels[order] = place * counts[graph.block_ids] // graph.sizes[graph.block_ids]
+    # A random cell for each part, so that all parts occur.
+    shuffled = np.lexsort((rng.random(graph.n), graph.block_ids))
+    first = shuffled[place < counts]
+    if layout == "scattered":
+        labels = rng.integers(counts)
+        labels[first] = place[place < counts]
         return frozen_int(labels)
-    labels = rng.integers(counts[graph.block_ids])
-    labels[shuffled] = np.where(place < counts[graph.block_ids], place, labels[shuffled])
+    # Grow parts from these cells; cells out of reach join part 0.
+    seeds = np.sort(first)
+    grown = seeds[grow_regions(graph, frozen_int(seeds), rng) % len(seeds)]
+    labels[first] = place[place < counts]
+    labels = np.where(graph.block_ids[grown] == graph.block_ids, labels[grown], 0)
+    if layout == "noisy":
+        rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+        stray = rng.random(len(rows)) < 0.1
+        kept = labels[seeds]
+        labels[rows[stray]] = labels[graph.indices[stray]]
+        labels[seeds] = kept
     return frozen_int(labels)
 
 
@@ -207,6 +235,8 @@ class DrawnGraph(Recipe):
         One of :data:`FACES`.
     barrier : bool
         Remove the edges across the middle of the mesh, except for one in four.
+    gathered : bool
+        Move all centroids to one point.
 
     Examples
     --------
@@ -220,6 +250,7 @@ class DrawnGraph(Recipe):
     weights: str = "measures"
     faces: str = "measures"
     barrier: bool = False
+    gathered: bool = False
 
     @property
     def graph(self) -> Graph:
@@ -230,11 +261,9 @@ class DrawnGraph(Recipe):
         graph = replace(graph, weights=frozen_float(_weights(graph, self.weights)), data=data)
         rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
         if self.faces != "measures":
-            pair = np.minimum(rows, graph.indices) * graph.n + np.maximum(rows, graph.indices)
-            factor = np.where((rows + graph.indices) % 3 == 0, 0.0, 1.0)
-            if self.faces == "uneven":
-                factor = 10.0 ** (2 * (pair * 0.618034 % 1) - 1)  # equal for both directions of an edge
-            graph = replace(graph, interface=frozen_float(graph.interface * factor))
+            graph = replace(
+                graph, interface=frozen_float(graph.interface * _factors(graph, rows, self.faces))
+            )
         if self.barrier:
             right = graph.centroids[:, 0] > np.median(graph.centroids[:, 0])
             across = right[rows] != right[graph.indices]
@@ -245,6 +274,8 @@ class DrawnGraph(Recipe):
         component = graph.components(graph.block_ids)
         if component.max() + 1 > graph.n_blocks:
             graph = graph.split(component)[0]
+        if self.gathered:
+            graph = replace(graph, centroids=frozen_float(np.zeros((graph.n, graph.dim))))
         return graph
 
 
@@ -261,15 +292,29 @@ def _weights(graph: Graph, kind: str) -> Float:
     }[kind]
 
 
+def _factors(graph: Graph, rows: Int, faces: str) -> Float:
+    """Return a factor for each interface of a graph, equal for both directions of an edge."""
+    if faces == "thin":
+        return np.where((rows + graph.indices) % 3 == 0, 0.0, 1.0)
+    if faces == "uneven":
+        pair = np.minimum(rows, graph.indices) * graph.n + np.maximum(rows, graph.indices)
+        return np.asarray(10.0 ** (2 * (pair * 0.618034 % 1) - 1))
+    x = graph.centroids[:, 0] - graph.centroids[:, 0].min()
+    steep = 10.0 ** (-4.5 * (x[rows] + x[graph.indices]) / max(x.max(), 1e-300))
+    return np.asarray(steep if faces == "steep" else 0.0 * steep)
+
+
 def _family(recipe: DrawnMesh) -> Mesh:
     """Return the mesh of a family, near the origin and of a size near 1 per cell."""
     n, seed = recipe.cells, recipe.seed
     side = max(1, round(n**0.5))
+    if recipe.family == "strip":
+        return _rectangles(n, 1, recipe)
     if recipe.family == "rectangles":
         return _rectangles(side, -(-n // side), recipe)
     if recipe.family == "triangles":
         if n < 4:
-            return _halves_of_squares(side, -(-n // (2 * side)))
+            return small_meshes.halved_squares(1, -(-n // 2))
         return samples.random_triangles(max(1, n // 4), seed)
     if recipe.family == "hexagons":
         return small_meshes.hexagons(side, -(-n // side))
@@ -329,12 +374,6 @@ def _rectangles(nx: int, ny: int, recipe: DrawnMesh) -> Mesh:
 def _graded_axis(count: int, grading: float) -> Float:
     extents = grading ** (np.arange(count) / max(count - 1, 1))
     return np.concatenate(([0.0], np.cumsum(extents)))
-
-
-def _halves_of_squares(nx: int, ny: int) -> Mesh:
-    quads = small_meshes.grid(nx, ny)
-    a, b, c, d = quads.boundary_loops.vertices.reshape(-1, 4).T
-    return Mesh.from_polygons(quads.points, np.concatenate((np.stack((a, b, c), 1), np.stack((a, c, d), 1))))
 
 
 def _without_cell(mesh: Mesh, cell: int) -> Mesh:

@@ -10,16 +10,14 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.drawn import PLANE, DrawnMesh
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.measure import RunResult, measure_levels
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion
 
 TAG = "region"
-"""Name of the cell tag in cases for formats and constraints: 1 in the left half, 2 in the right half.
-
-Meshes for constraints also have a face tag with this name.
-"""
+"""Name of the tag in cases for formats, which have it on cells, and constraints, also on faces."""
 
 UNSAFE = '<b id="it\'s">R&D</b>'
 """Name of a mesh and a run, with characters that a report section must escape."""
@@ -27,18 +25,13 @@ UNSAFE = '<b id="it\'s">R&D</b>'
 
 def on_meshes(kind: str) -> list[Case]:
     """Return the test cases on 2-D meshes for a kind of component."""
-    if kind == "discretisation":
-        return [_case_on(kind, mesh) for mesh in small_meshes.plane_meshes()]
-    if kind == "problem":
-        return [Case(mesh.name, (mesh,)) for mesh in small_meshes.plane_meshes()]
-    if kind == "constraint":
-        meshes = [*small_meshes.plane_meshes(), small_meshes.two_grids()]
-        return [Case(mesh.name, (tag_cells_and_faces(mesh), bands(mesh, 3))) for mesh in meshes]
     if kind == "section":
         return [
             report_case(small_meshes.grid(6, 4)),
             report_case(replace(small_meshes.mixed_polygons(), name=UNSAFE)),
         ]
+    if kind != "format":
+        return [_case_on(kind, DrawnMesh(family, cells=20, jitter=0.25).mesh) for family in PLANE]
     # Formats: triangles, tagged quadrilaterals, mixed polygons, and a cell with a hole.
     around = np.ones((5, 5), int)
     around[1:4, 1:4] = 0
@@ -48,7 +41,7 @@ def on_meshes(kind: str) -> list[Case]:
         small_meshes.mixed_polygons(),
         replace(small_meshes.grid(5, 5).coarsen(frozen_int(around.ravel())), name="a cell with a hole"),
     ]
-    return [Case(mesh.name, (mesh, "")) for mesh in meshes]
+    return [_case_on(kind, mesh) for mesh in meshes]
 
 
 def in_space(kind: str) -> list[Case]:

@@ -6,7 +6,7 @@ import hashlib
 import random
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
@@ -17,17 +17,22 @@ from scipy import sparse
 
 from agglo_core.conformance.base.asking import ask
 from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.drawing import examples_of
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken
-from agglo_core.conformance.inputs.cases import cases, cases_in_3d, level_case
-from agglo_core.conformance.inputs.hard_cases import (
-    crowd_case,
+from agglo_core.conformance.inputs.cases import (
+    ON_GRAPHS,
+    cases,
+    cases_in_3d,
+    huge_case,
+    kway_case,
     large_case,
     large_cases,
-    many_parts,
-    partitions,
+    seeds_for,
 )
+from agglo_core.conformance.inputs.drawn import SOLID
 from agglo_core.conformance.inputs.speed import drop_slow_cases
+from agglo_core.conformance.inputs.strategies import constraint_cases, graph_cases, metric_cases
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
 from agglo_core.problems import Solution
@@ -36,6 +41,7 @@ from agglo_core.registry.containment import PLUGIN_FAILURES
 _CHOOSY = ("solver", "discretisation", "format", "constraint")
 _IN_ARRAYS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother", "coarse_solver")
 _OWN_PROBLEMS = ("diffusion", "linear")
+_FEW = 10  # drawn cases of laws that compare several calls
 
 
 def answer(subject: Subject, tool: Any, case: Case) -> Any:
@@ -65,41 +71,76 @@ def as_array(given: Any) -> NDArray[Any]:
         return np.asarray(given, dtype=object)
 
 
-def questions(subject: Subject, seed: int = 0) -> list[Case]:
-    """Return the standard test cases for a component, except for categories that it refuses.
+def strategy_for(subject: Subject, families: Sequence[str] | None = None) -> Any:
+    """Return the hypothesis strategy of test cases, or None for kinds whose inputs are not drawn."""
+    if subject.kind in ON_GRAPHS:
+        return graph_cases(subject, families)
+    if subject.kind == "metric":
+        return metric_cases(subject, families)
+    return constraint_cases(subject, families) if subject.kind == "constraint" else None
 
-    The largest case has about 2,000 cells, because some components switch algorithms at some size. A solver
-    also gets the examples of further problem kinds in ``accepts``, and a bisector with direct partitions
-    gets cases for these. A 3-D format that refuses all 2-D meshes gets the 3-D cases. A format that only
-    reads gets none.
+
+def questions(subject: Subject, seed: int = 0) -> list[Case]:
+    """Return a few test cases for a component, except for categories that it refuses.
+
+    A solver also gets the examples of further problem kinds in ``accepts``, and a bisector with direct
+    partitions gets cases for these. A 3-D format that refuses all 2-D meshes gets the 3-D cases. A format
+    that only reads gets none.
     """
-    extra_cases = partitions(seed) if subject.partitions else _further_problems(subject)
-    large = drop_slow_cases(subject, large_case(subject.kind, seed))
-    accepted_cases = select_accepted(subject, [*cases(subject.kind, seed), *large, *extra_cases])
+    strategy = strategy_for(subject)
+    test_cases = cases(subject.kind) if strategy is None else examples_of(strategy, _FEW)
+    if subject.kind in ON_GRAPHS:
+        test_cases += drop_slow_cases(subject, [large_case(subject.kind)])
+        test_cases = [_with_seed(case, seed) for case in test_cases]
+    accepted_cases = select_accepted(subject, _with_partitions(subject, test_cases))
+    accepted_cases += select_accepted(subject, _further_problems(subject))
     if accepted_cases or subject.kind != "format":
         return accepted_cases
     return select_accepted(subject, in_space(subject))
 
 
-def large_graphs(subject: Subject) -> list[Case]:
-    """Return the test cases on large graphs and many blocks for a bisector, refiner or fixer.
-
-    Small graphs are drawn. A bisector without ``bisect_level`` is called once per block and gets fewer
-    blocks. A bisector with a fallback is not required to split thousands of two-cell blocks. Slow refiners
-    and fixers get only small cases.
-    """
-    kind = subject.kind
-    ordinary = [*large_cases(kind), level_case(kind)]
-    if kind == "bisector":
-        if not subject.has("bisect_level"):
-            return [*ordinary, crowd_case(kind, 40)]
-        return [*ordinary, crowd_case(kind), *([] if subject.fallback else [many_parts(kind)])]
-    return drop_slow_cases(subject, [*ordinary, crowd_case(kind), many_parts(kind)])
-
-
 def in_space(subject: Subject) -> list[Case]:
     """Return the 3-D test cases of a component that promises 3-D, or else an empty list."""
     return cases_in_3d(subject.kind) if subject.promised("3d") else []
+
+
+def _with_partitions(subject: Subject, test_cases: list[Case]) -> list[Case]:
+    """Add test cases for direct k-way partitions, if the component is a bisector that makes them."""
+    if not subject.partitions:
+        return test_cases
+    whole = [case for case in test_cases if case.given[0].n_blocks == 1 < case.given[0].n]
+    return test_cases + [kway_case(case, 2) for case in whole]
+
+
+def _with_seed(case: Case, seed: int) -> Case:
+    """Replace the random seeds of a test case for a bisector or refiner."""
+    arguments = [
+        seeds_for(len(value), seed) if getattr(value, "dtype", None) == np.uint64 else value
+        for value in case.given
+    ]
+    return replace(case, given=tuple(arguments)) if seed else case
+
+
+def large_graphs(subject: Subject) -> list[Case]:
+    """Return the test cases on large graphs and many blocks for a bisector, refiner or fixer.
+
+    A bisector without ``bisect_level`` is called once per block and gets fewer blocks, and so does a
+    bisector with a fallback. Slow refiners and fixers get only small cases. Huge cases are for thorough
+    checks.
+    """
+    huge = [huge_case(subject.kind)] if subject.thorough else []
+    test_cases = drop_slow_cases(subject, [*large_cases(subject.kind), *huge])
+    if subject.kind == "bisector" and (subject.fallback or not subject.has("bisect_level")):
+        return [case for case in test_cases if case.given[0].n_blocks < 1000]
+    return test_cases
+
+
+def questions_in_3d(subject: Subject) -> list[Case]:
+    """Return a few 3-D test cases for a component that accepts them, drawn where its inputs are drawn."""
+    strategy = strategy_for(subject, SOLID)
+    test_cases = cases_in_3d(subject.kind) if strategy is None else examples_of(strategy, _FEW)
+    test_cases = _with_partitions(subject, test_cases)
+    return with_suffix(subject, test_cases) if subject.kind == "format" else test_cases
 
 
 def select_accepted(subject: Subject, test_cases: list[Case]) -> list[Case]:

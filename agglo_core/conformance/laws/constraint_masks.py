@@ -16,7 +16,7 @@ from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.mesh_cases import bands, tag_cells_and_faces
 from agglo_core.conformance.inputs.mesh_changes import renumber_mesh
-from agglo_core.conformance.inputs.questions import answer, in_words, questions
+from agglo_core.conformance.inputs.questions import answer, in_words
 from agglo_core.conformance.inputs.strategies import constraint_cases
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
@@ -24,42 +24,30 @@ from agglo_core.graph import Graph
 _EXAMPLES = 40  # drawn meshes for each law
 
 
-@drawn_law("constraint", draw=constraint_cases, fixed=questions, examples=_EXAMPLES)
+@drawn_law("constraint", draw=constraint_cases, examples=_EXAMPLES)
 def masks(subject: Subject, case: Case) -> None:
-    """Masks are boolean arrays, with one value per CSR entry of the graph or per part."""
+    """Masks are booleans, one per part or CSR entry, alike for both directions of an edge."""
     mesh, labels = case.given
     parts = int(labels.max()) + 1
     lengths = {"forbidden": len(mesh.graph.indices), "admissible": parts, "incomplete": parts}
-    for method, mask in _answer_unless_refused(subject, case).items():
+    answers = _answer_unless_refused(subject, case)
+    for method, mask in answers.items():
         require(
             isinstance(mask, np.ndarray) and mask.shape == (lengths[method],) and mask.dtype == bool,
             f"on {case.name}: {method} returned {in_words(mask)}, expected booleans of shape "
             f"({lengths[method]},)",
         )
+    if "forbidden" in answers:
+        pairs = _pairs(mesh.graph, answers["forbidden"])
+        one_way = np.flatnonzero(pairs != pairs.T)
+        require(
+            not len(one_way),
+            f"on {case.name}: {len(one_way) // 2} edges are forbidden in one direction only: the graph "
+            "stores each edge twice; treat both cells of an entry alike",
+        )
 
 
-@drawn_law(
-    "constraint",
-    draw=constraint_cases,
-    fixed=questions,
-    examples=_EXAMPLES,
-    when=lambda subject: subject.has("forbidden") or subject.has("for_mesh"),
-)
-def both_directions(subject: Subject, case: Case) -> None:
-    """An edge is forbidden in both directions or in neither."""
-    method_masks = _answer_unless_refused(subject, case)
-    if "forbidden" not in method_masks:
-        return
-    pairs = _pairs(case.given[0].graph, method_masks["forbidden"])
-    one_way = np.flatnonzero(pairs != pairs.T)
-    require(
-        not len(one_way),
-        f"on {case.name}: {len(one_way) // 2} edges are forbidden in one direction only: the graph "
-        "stores each edge twice; treat both cells of an entry alike",
-    )
-
-
-@drawn_law("constraint", draw=constraint_cases, fixed=questions, examples=_EXAMPLES)
+@drawn_law("constraint", draw=constraint_cases, examples=_EXAMPLES)
 def numbering_ignored(subject: Subject, case: Case) -> None:
     """Constraints do not depend on the numbering of cells, faces and points."""
     mesh, labels = case.given
@@ -78,44 +66,13 @@ def numbering_ignored(subject: Subject, case: Case) -> None:
         )
 
 
-@law("constraint", when=lambda subject: subject.has("forbidden") or subject.has("for_mesh"))
-def constraint_kept(subject: Subject) -> None:
-    """In a run with the constraint every part is connected without the forbidden edges."""
-    from agglo_core.agglomeration.one_call import agglomerate
-
-    mesh = tag_cells_and_faces(small_meshes.grid(9, 7, jitter=0.2))
-    tool = subject.build()
-    try:
-        options = {"bisector": "inertial", "constraints": [tool], "registry": own_components()}
-        labels = agglomerate(mesh, n_parts=12, **options).levels[0]  # type: ignore[arg-type]
-    except AggloError as error:
-        raise Broken(f"a run under it failed: {error}") from error
-    method_masks = answer(subject, tool, Case("the parts of a run", (mesh, labels)))
-    if "forbidden" not in method_masks:
-        return
-    pieces = int(mesh.graph.without_edges(method_masks["forbidden"]).components(labels).max()) + 1
-    parts = int(labels.max()) + 1
-    require(
-        pieces == parts,
-        f"the {parts} parts of a run fall into {pieces} pieces without the edges it forbids: always forbid "
-        "the same edges",
-    )
-
-
-@drawn_law(
-    "constraint",
-    draw=constraint_cases,
-    fixed=questions,
-    examples=_EXAMPLES,
-    when=lambda subject: subject.has("admissible") or subject.has("for_mesh"),
-)
+@drawn_law("constraint", draw=constraint_cases, examples=_EXAMPLES)
 def pieces_admissible(subject: Subject, case: Case) -> None:
     """A single cell is admissible, and so is each half of an admissible part, so that splitting ends."""
     mesh, labels = case.given
-    method_masks = _answer_unless_refused(subject, case)
-    if "admissible" not in method_masks:
+    answers = _answer_unless_refused(subject, case)
+    if "admissible" not in answers:
         return
-    # Single cells.
     cells = Case(f"{case.name}, cell by cell", (mesh, frozen_int(np.arange(mesh.n_cells))))
     require(
         bool(answer(subject, subject.build(), cells)["admissible"].all()),
@@ -128,28 +85,36 @@ def pieces_admissible(subject: Subject, case: Case) -> None:
     part_of_piece[number] = labels
     piece_mask = answer(subject, subject.build(), finer)["admissible"]
     require(
-        bool((piece_mask | ~method_masks["admissible"][part_of_piece]).all()),
+        bool((piece_mask | ~answers["admissible"][part_of_piece]).all()),
         f"on {finer.name}: a piece of an admissible part is not admissible",
     )
 
 
-@law("constraint", when=lambda subject: subject.has("admissible") or subject.has("for_mesh"))
-def parts_admissible(subject: Subject) -> None:
-    """In a run with the constraint every part is admissible."""
+@law("constraint")
+def constraint_kept(subject: Subject) -> None:
+    """In a run every part is admissible, and connected without the forbidden edges."""
     from agglo_core.agglomeration.one_call import agglomerate
 
-    mesh = tag_cells_and_faces(small_meshes.grid(9, 7, jitter=0.2))
-    tool = subject.build()
+    mesh, tool = tag_cells_and_faces(small_meshes.grid(9, 7, jitter=0.2)), subject.build()
     try:
         labels = agglomerate(
             mesh, n_parts=21, bisector="inertial", constraints=[tool], registry=own_components()
         ).levels[0]
     except AggloError as error:
         raise Broken(f"a run under it failed: {error}") from error
-    method_masks = answer(subject, tool, Case("the parts of a run", (mesh, labels)))
-    if "admissible" in method_masks:
-        honest = bool(method_masks["admissible"].all())
-        require(honest, "a part of a run is not admissible: return the same answer in every call")
+    answers = answer(subject, tool, Case("the parts of a run", (mesh, labels)))
+    require(
+        "admissible" not in answers or bool(answers["admissible"].all()),
+        "a part of a run is not admissible: return the same answer in every call",
+    )
+    if "forbidden" in answers:
+        pieces = int(mesh.graph.without_edges(answers["forbidden"]).components(labels).max()) + 1
+        parts = int(labels.max()) + 1
+        require(
+            pieces == parts,
+            f"the {parts} parts of a run fall into {pieces} pieces without the edges it forbids: always "
+            "forbid the same edges",
+        )
 
 
 def _pairs(graph: Graph, mask: Mask) -> Int:

@@ -19,6 +19,7 @@ from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs.cases import with_problem
 from agglo_core.conformance.inputs.drawn import DrawnMesh
+from agglo_core.conformance.inputs.problem_strategies import linear_cases, solver_cases
 from agglo_core.conformance.inputs.solver_answers import (
     direct,
     gap,
@@ -36,7 +37,6 @@ from agglo_core.conformance.inputs.solver_cases import (
     DrawnProblem,
     times,
 )
-from agglo_core.conformance.inputs.strategies import linear_cases, solver_cases
 from agglo_core.errors import AggloError
 from agglo_core.problems import Diffusion, Linear, Solution
 from agglo_core.problems.iteration_history import TESTS

@@ -16,9 +16,9 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.problem_strategies import plates, solver_cases
 from agglo_core.conformance.inputs.solver_answers import gap, solve_unless_refused, takes, values
 from agglo_core.conformance.inputs.solver_cases import DrawnPlate, on_levels, times
-from agglo_core.conformance.inputs.strategies import plates, solver_cases
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion
 

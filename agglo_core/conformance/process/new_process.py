@@ -23,7 +23,7 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.handing_over import environment, subject_from, task_of
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken
-from agglo_core.conformance.inputs.named_tags import with_tags
+from agglo_core.conformance.inputs.cases import with_tags
 from agglo_core.conformance.inputs.questions import plain, questions, select_accepted
 from agglo_core.errors import AggloError
 from agglo_core.registry.options import wants_registry

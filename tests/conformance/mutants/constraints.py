@@ -109,11 +109,11 @@ MUTANTS = [
     Mutant("answers", OtherTag, "cell tag 'region'"),
     Mutant("masks", ZerosAndOnes, "booleans"),
     Mutant("masks", OnePerCell, "booleans of shape"),
-    Mutant("both_directions", OneWay, "stores each edge twice"),
+    Mutant("masks", OneWay, "stores each edge twice"),
     Mutant("numbering_ignored", ByNumber, "not cell numbers"),
     Mutant("constraint_kept", ForbidsAll, "too few parts"),
     Mutant("pieces_admissible", AtLeastTwo, "cannot be split"),
-    Mutant("parts_admissible", Moody, "inconsistent answers"),
+    Mutant("constraint_kept", Moody, "inconsistent answers"),
     Mutant("space_served_or_refused", PlaneConstraint, "only for 2-D"),
     Mutant("pickles", HoldsARule, "no lambdas", {"pickles": True}),
 ]

@@ -128,6 +128,6 @@ MUTANTS = [
     Mutant("same_in_another_process", ReadsItsSource, "pyproject.toml"),
     Mutant("told_the_target", OneForAllSizes, "whole target"),
     Mutant("told_the_target", RefusesAllTargets, "refuses every target"),
-    Mutant("told_keeps_promises", InProportion, "parts=3", {"balanced": 0.02}),
-    Mutant("told_keeps_promises", KeepsALambda, "no lambdas", {"pickles": True}),
+    Mutant("told_the_target", InProportion, "parts=3", {"balanced": 0.02}),
+    Mutant("told_the_target", KeepsALambda, "no lambdas", {"pickles": True}),
 ]

@@ -141,11 +141,11 @@ class AcceptsDisconnected(Fix):
 
 
 class CountsBlocks(Fix):
-    """Change block 2 if there are many blocks."""
+    """Change block 2 if there are more than two blocks."""
 
     def fix(self, graph, labels):
         fixed = super().fix(graph, labels)
-        here = (graph.block_ids == 2) & (graph.n_blocks > 40)
+        here = (graph.block_ids == 2) & (graph.n_blocks > 2)
         swap = here & (fixed[here] != labels[here]).any() & (fixed > 0)
         return np.where(swap, 3 - fixed, fixed)
 
@@ -160,14 +160,14 @@ CORRECT = [
 MUTANTS = [
     Mutant("label_array", NamesOfParts, "an array of integers"),
     Mutant("label_array", FixesToFloats, "integers"),
-    Mutant("parts_kept", DropsALabel, "lost its last cell"),
-    Mutant("parts_kept", RenumbersAcrossBlocks, "block"),
-    Mutant("components_not_raised", TearsApart, "fell apart"),
+    Mutant("label_array", DropsALabel, "lost its last cell"),
+    Mutant("label_array", RenumbersAcrossBlocks, "block"),
+    Mutant("components_not_raised", TearsApart, "neighbours in its part"),
     Mutant("objective_kept", Worsens, "return the given labels"),
     Mutant("objective_kept", WorsensAMetric, "interface_length went from"),
     Mutant("objective_kept", UnknownObjective, "beauty"),
     Mutant("bounded_time", Dawdles, "number of sweeps"),
-    Mutant("parts_connected", DoesNothing, "still disconnected"),
+    Mutant("components_not_raised", DoesNothing, "give every piece"),
     Mutant("connected_left_alone", SwapsConnected, "leave such blocks unchanged"),
     Mutant("connected_left_alone", NeverDone, "leave such blocks unchanged"),
     Mutant("disconnected_block_refused", AcceptsDisconnected, "raise a ValueError"),

@@ -61,6 +61,6 @@ CORRECT: list[tuple[type, dict[str, bool]]] = []
 
 MUTANTS = [
     Mutant("renaming", NeighboursByOrder, "their two sides"),
-    Mutant("each_call_alone", KnowsThePoints, "its cells renumbered"),
+    Mutant("nothing_carried_over", KnowsThePoints, "cells renumbered"),
     Mutant("homogeneous", RoundsToDecimals, "round to decimals"),
 ]

@@ -129,7 +129,7 @@ class OtherExamples(Heat):
 class RaisesOnHexagons(Heat):
     @classmethod
     def example(cls, mesh):
-        if mesh.name == "hexagons":
+        if "hexagons" in mesh.name:
             raise IndexError("corner 6")
         return cls()
 

@@ -98,10 +98,10 @@ class WorthATypicalFace(InterfaceRefiner):
 
 MUTANTS = [
     Mutant("objective_kept", CountsEdges, "interface went from"),
-    Mutant("components_not_raised", ForgetsBridges, "fell apart"),
-    Mutant("components_not_raised", TrustsShortNecks, "fell apart"),
+    Mutant("components_not_raised", ForgetsBridges, "neighbours in its part"),
+    Mutant("components_not_raised", TrustsShortNecks, "neighbours in its part"),
     Mutant("objective_kept", MomentsOfTheMeasure, "compactness went from"),
     Mutant("a_level_is_its_blocks", WorthATypicalFace, "within each block"),
-    Mutant("space", ForgetsBridgesInSpace, "in more pieces than allowed", {"3d": True}),
+    Mutant("components_not_raised", ForgetsBridgesInSpace, "neighbours in its part", {"3d": True}),
 ]
 CORRECT: list[tuple[object, dict[str, bool]]] = []

@@ -97,6 +97,6 @@ MUTANTS = [
     Mutant("sample_is_mesh", cracked, "give each point one number", kind="sample"),
     Mutant("sample_in_space", flat, "drop the promise", {"3d": True}, kind="sample"),
     Mutant("same_seed_same_result", unseeded, "without a seed", kind="sample"),
-    Mutant("global_random_state", from_global_state, "default_rng", kind="sample"),
-    Mutant("says_nothing", talks, "logging", kind="sample"),
+    Mutant("surroundings_kept", from_global_state, "default_rng", kind="sample"),
+    Mutant("surroundings_kept", talks, "logging", kind="sample"),
 ]

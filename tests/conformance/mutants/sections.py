@@ -76,12 +76,12 @@ CORRECT = [(Parts, {"pickles": True})]
 
 MUTANTS = [
     Mutant("answers", WantsEveryRun, "'NoneType' object"),
-    Mutant("input_untouched", ReversesRuns, "work on a copy"),
+    Mutant("surroundings_kept", ReversesRuns, "work on a copy"),
     Mutant("titled", Untitled, "heading of the section"),
     Mutant("static_html", ListOfLines, "expected a string"),
     Mutant("static_html", BringsAScript, "<script"),
     Mutant("static_html", LoadsAPicture, "one static file"),
     Mutant("static_html", RawNames, "html.escape"),
-    Mutant("no_memory", NumbersItself, "keep nothing between calls"),
-    Mutant("global_random_state", DrawsAnId, "draw from"),
+    Mutant("same_seed_same_result", NumbersItself, "keep nothing between calls"),
+    Mutant("surroundings_kept", DrawsAnId, "draw from"),
 ]

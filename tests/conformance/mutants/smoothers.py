@@ -213,8 +213,8 @@ CORRECT = [
 ]
 
 MUTANTS = [
-    Mutant("input_untouched", WritesIntoA, "work on a copy"),
-    Mutant("input_untouched", WritesIntoX, "change a copy"),
+    Mutant("surroundings_kept", WritesIntoA, "work on a copy"),
+    Mutant("answers", WritesIntoX, "change a copy"),
     Mutant("smoothed_array", ListOfNumbers, "floats of shape"),
     Mutant("error_reduced", OneStep, "level.steps times"),
     Mutant("solution_kept", SmoothsTheInherited, "with the matrix level.A"),
@@ -228,7 +228,7 @@ MUTANTS = [
     Mutant("smoother_symmetric", Forward, "forwards and then backwards", {"symmetric": True}),
     Mutant("smoother_symmetric", SteepestDescent, "nonlinear", {"symmetric": True}),
     Mutant("same_seed_same_result", DrawsTheDamping, "without a seed"),
-    Mutant("no_memory", MoreEachTime, "keep nothing between calls"),
-    Mutant("survives", NeedsTwoUnknowns, "one unknown"),
+    Mutant("same_seed_same_result", MoreEachTime, "keep nothing between calls"),
+    Mutant("answers", NeedsTwoUnknowns, "one unknown"),
     Mutant("pickles", HoldsAFunction, "no lambdas", {"pickles": True}),
 ]

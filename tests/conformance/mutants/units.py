@@ -135,16 +135,16 @@ class CountsPartsInBytes(Extent):
 
 
 MUTANTS = [
-    Mutant("two_sides", PacksItsKeys, "a level of 5000 blocks"),
+    Mutant("two_sides", PacksItsKeys, "6000 blocks"),
     Mutant("balanced", WeighsInWholeNumbers, "promise a wider tolerance", {"balanced": 0.02}),
     Mutant("answers", SignedSeeds, "non-negative"),
-    Mutant("same_seed_same_result", DrawsForLargePieces, "on 2000 cells"),
+    Mutant("same_seed_same_result", DrawsForLargePieces, "on a graph of 2"),
     Mutant("space", RemembersItsPlane, "on a 2-D mesh", {"3d": True}),
     Mutant("balanced", MeansInSpace, "promise a wider tolerance", {"balanced": 0.02, "3d": True}),
     Mutant("objective_kept", MoreInSpace, "interface went from", {"3d": True}),
-    Mutant("large_meshes", PairsInWords, "75000 cells", thorough=True),
-    Mutant("parts_connected", IgnoresSlivers, "still disconnected"),
-    Mutant("nothing_carried_over", RemembersLabels, "the same labels"),
+    Mutant("components_not_raised", PairsInWords, "neighbours in its part", thorough=True),
+    Mutant("components_not_raised", IgnoresSlivers, "give every piece"),
+    Mutant("nothing_carried_over", RemembersLabels, "the same size"),
     Mutant("renaming", CountsPartsInBytes, "must belong to label i"),
 ]
 CORRECT: list[tuple[object, dict[str, bool]]] = []

@@ -186,14 +186,14 @@ CORRECT = [(Squared, _SPACE), (WidthOverWidest, _SPACE)]
 
 MUTANTS = [
     Mutant("never_written", BorrowsTheLabels, "work on a copy"),
-    Mutant("read_anew", KnowsTheArray, "never key a cache by id()"),
-    Mutant("changes_of_these_labels", KnowsTheLabels, "may hold other labels"),
-    Mutant("ends_early_without_trace", QuietUntilTheEnd, "np.errstate"),
-    Mutant("ends_early_without_trace", SaysWhy, "printed"),
+    Mutant("never_written", KnowsTheArray, "never key a cache by id()"),
+    Mutant("changes_add_up", KnowsTheLabels, "the array holds now"),
+    Mutant("surroundings_kept", QuietUntilTheEnd, "np.errstate"),
+    Mutant("surroundings_kept", SaysWhy, "printed"),
     Mutant("within_bounds", BestHexagon, "outside the declared bounds"),
     Mutant("within_bounds", BallsAreCubes, "outside the declared bounds", {"3d": True}),
-    Mutant("finite", LonelyIsNaN, "got [nan]"),
-    Mutant("renaming", ThousandsCollide, "1200 parts"),
-    Mutant("same_in_another_process", AnyTag, "the tags"),
-    Mutant("shape_only_is_true", CountsEdges, "cut in quadrilaterals"),
+    Mutant("within_bounds", LonelyIsNaN, "got [nan]"),
+    Mutant("renaming", ThousandsCollide, "1225 parts"),
+    Mutant("same_in_another_process", AnyTag, "built for another process"),
+    Mutant("shape_only_is_true", CountsEdges, "all faces cut"),
 ]
