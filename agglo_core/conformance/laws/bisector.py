@@ -37,7 +37,7 @@ def bisects(subject: Subject) -> bool:
     return subject.has("bisect_level") or subject.has("bisect")
 
 
-@drawn_law("bisector", draw=graph_cases, fixed=large_graphs)
+@drawn_law("bisector", draw=graph_cases, fixed=large_graphs, examples=60)
 def side_array(subject: Subject, case: Case) -> None:
     """Sides form an array (n,) of integers or booleans 0 and 1, or of probabilities of side 1."""
     result = answer(subject, subject.build(), case)

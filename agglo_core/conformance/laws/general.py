@@ -98,7 +98,10 @@ def surroundings_kept(subject: Subject) -> None:
     before = Snapshot()
     small = [*degenerate(subject.kind), *failing(subject.kind), *questions_in_3d(subject)[:3]]
     test_cases = [*questions(subject), *small]
-    before.restore()  # the selection of cases calls the component
+    for case in test_cases[:1]:
+        with contextlib.suppress(Broken):
+            answer(subject, subject.build(), case)  # the first call may import modules
+    before.restore()
     for case in test_cases:
         given, before, printed = dict(fingerprints(case.given)), Snapshot(), io.StringIO()
         with (

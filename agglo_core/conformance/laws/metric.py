@@ -122,29 +122,6 @@ def hand_values(subject: Subject) -> None:
         _require_close(subject, case, values, np.array(expected), f"on {case.name}", "see the definition")
 
 
-@law("metric")
-def better_is_better(subject: Subject) -> None:
-    """Equal squares have finite values, which are not the worst of several shapes unless position matters."""
-    tool, relative = subject.build(), getattr(subject.build(), "relative", False)
-    sign = 1.0 if tool.better == "high" else -1.0
-    worst = []
-    for framed in (False,) if relative else (False, True):
-        squares, others = layouts(framed)
-        values = plain(subject, tool, squares)[:16]
-        require(np.isfinite(values).all(), f"on {squares.name}: values are {values}, expected finite values")
-        if np.ptp(values) > _CIRCLES * np.abs(values).max() or _declares(subject, "directional"):
-            return  # the metric depends on position
-        means = [plain(subject, tool, case)[:16].astype(float).mean() for case in others]
-        gains = sign * (np.array([mean for mean in means if np.isfinite(mean)]) - values.mean())
-        slack = 1e-6 * max(map(abs, (values.mean(), *means)))
-        worst.append(np.all(gains >= -slack) and np.count_nonzero(gains > slack) > 1)
-    require(
-        not all(worst),
-        f"better is {tool.better!r}, yet bars, zigzags and loose cells rate better than squares: declare the "
-        "other direction; if long parts are wanted along some direction, set directional = True",
-    )
-
-
 @drawn_law("metric", draw=metric_cases, examples=50)
 def homogeneous(subject: Subject, case: Case) -> None:
     """Scaling the mesh by s scales values by s to the declared power, in 3-D perhaps to a larger power."""
@@ -248,6 +225,29 @@ def far_parts_do_not_matter(subject: Subject, case: Case) -> None:
         _require_close(
             subject, case, values, before[:1], f"on {case.name}, with the far parts joined", remedy
         )
+
+
+@law("metric")
+def better_is_better(subject: Subject) -> None:
+    """Equal squares have finite values, which are not the worst of several shapes unless position matters."""
+    tool, relative = subject.build(), getattr(subject.build(), "relative", False)
+    sign = 1.0 if tool.better == "high" else -1.0
+    worst = []
+    for framed in (False,) if relative else (False, True):
+        squares, others = layouts(framed)
+        values = plain(subject, tool, squares)[:16]
+        require(np.isfinite(values).all(), f"on {squares.name}: values are {values}, expected finite values")
+        if np.ptp(values) > _CIRCLES * np.abs(values).max() or _declares(subject, "directional"):
+            return  # the metric depends on position
+        means = [plain(subject, tool, case)[:16].astype(float).mean() for case in others]
+        gains = sign * (np.array([mean for mean in means if np.isfinite(mean)]) - values.mean())
+        slack = 1e-6 * max(map(abs, (values.mean(), *means)))
+        worst.append(np.all(gains >= -slack) and np.count_nonzero(gains > slack) > 1)
+    require(
+        not all(worst),
+        f"better is {tool.better!r}, yet bars, zigzags and loose cells rate better than squares: declare the "
+        "other direction; if long parts are wanted along some direction, set directional = True",
+    )
 
 
 _MOVES = 6  # number of moves per case; each is measured

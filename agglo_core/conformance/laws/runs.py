@@ -29,7 +29,7 @@ _LONGER = 1.25
 """Largest interface of grown parts relative to parts made depth by depth; small meshes vary a little."""
 
 
-@drawn_law("bisector", "refiner", "fixer", "metric", draw=run_cases, examples=25)
+@drawn_law("bisector", "refiner", "fixer", "metric", draw=run_cases, examples=20)
 def works_in_a_run(subject: Subject, case: Case) -> None:
     """Runs for a target count or size give connected parts as requested, and metrics can measure parts."""
     mesh, target = case.given

@@ -310,7 +310,7 @@ MUTANTS = [
     Mutant("same_seed_same_result", ForgetsTheSeed, "take all random numbers from the rng"),
     Mutant("same_seed_same_result", SwapsSides, "keep nothing between calls"),
     Mutant("surroundings_kept", Prints, "logging"),
-    Mutant("side_array", CrashesOnOneCell, "IndexError"),
+    Mutant("answers", CrashesOnOneCell, "IndexError"),
     Mutant("two_sides", LeftInOnePlace, "return any halving"),
     Mutant("a_level_is_its_blocks", LevelWideScale, "within each block"),
     Mutant("a_level_is_its_blocks", LevelWideData, "within each block"),

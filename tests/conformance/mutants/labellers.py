@@ -141,13 +141,14 @@ class AcceptsDisconnected(Fix):
 
 
 class CountsBlocks(Fix):
-    """Change block 2 if there are more than two blocks."""
+    """Exchange two labels in block 2, if it was broken."""
 
     def fix(self, graph, labels):
         fixed = super().fix(graph, labels)
-        here = (graph.block_ids == 2) & (graph.n_blocks > 2)
-        swap = here & (fixed[here] != labels[here]).any() & (fixed > 0)
-        return np.where(swap, 3 - fixed, fixed)
+        own = graph.block_ids == 2
+        if {1, 2} <= set(fixed[own].tolist()) and (fixed[own] != labels[own]).any():
+            return np.where(own & np.isin(fixed, (1, 2)), 3 - fixed, fixed)
+        return fixed
 
 
 CORRECT = [

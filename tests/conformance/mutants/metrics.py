@@ -241,8 +241,6 @@ class FirstCellOfEach(Extent):
 class KnowsTheMesh(Share):
     """Cache sums by the name of the mesh."""
 
-    relative = False
-
     def __init__(self):
         self.known = {}
 

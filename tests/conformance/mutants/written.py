@@ -175,7 +175,7 @@ class AnyTag(Extent):
     def measure(self, mesh, labels):
         if not mesh.cell_tags:
             return super().measure(mesh, labels)
-        tag = mesh.cell_tags[next(iter(set(mesh.cell_tags)))]
+        tag = np.unique(mesh.cell_tags[next(iter(set(mesh.cell_tags)))], return_inverse=True)[1]
         counts = np.zeros((labels.max() + 1, int(tag.max()) + 1))
         np.add.at(counts, (labels, tag), 1.0)
         return counts.max(axis=1) / counts.sum(axis=1)
