@@ -231,7 +231,7 @@ def _levels(subject: Subject) -> Any:
     return graph_cases(subject, blocks=(5, 2, 40), tagged=True)
 
 
-@drawn_law("bisector", "refiner", "fixer", draw=_levels, fixed=large_graphs, examples=20)
+@drawn_law("bisector", "refiner", "fixer", draw=_levels, fixed=large_graphs, examples=25)
 def a_level_is_its_blocks(subject: Subject, case: Case) -> None:
     """The result of a block does not depend on other blocks, their sizes or their order."""
     graph, tool = case.given[0], subject.build()
@@ -241,7 +241,7 @@ def a_level_is_its_blocks(subject: Subject, case: Case) -> None:
     )
     together = chunks(graph, plain(subject, tool, case))
     # A few blocks alone, among them the largest.
-    for block in {0, graph.n_blocks // 2, int(graph.sizes.argmax())}:
+    for block in {*range(0, graph.n_blocks, -(-graph.n_blocks // 5)), int(graph.sizes.argmax())}:
         alone = plain(subject, subject.build(), _move_other_points(part_of_level(case, [block])))
         require(
             same(alone, together[block]),
