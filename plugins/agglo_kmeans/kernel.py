@@ -13,48 +13,6 @@ from agglo_core.split import piece_driver, piece_splits
 from agglo_kmeans.points import load_points, new_means
 from agglo_kmeans.separator import separator
 
-_ROUNDING = 1e-6  # error bound for points in single precision, relative to the extent, with a margin
-
-
-@helper
-def _tag_sides(graph, pieces, lo, hi, placing, extent, plane, candidates, sides):
-    """Tag each cell of a piece by its side of a plane, so that neither side is empty.
-
-    ``placing`` contains origin and unit of the plane (see ``load_points``). The candidates are the cells at
-    least as close to the plane as their neighbours are to them; their number is returned. ``plane`` comes
-    from ``separator``: inertia, unit normal and t.
-    """
-    cells, tag, centroids, reach = pieces.cells, pieces.tag, graph.centroids, graph.reach
-    left_tag, right_tag = piece_splits.side_tags(lo, hi)
-    # 1. Convert the plane to mesh coordinates, relative to its origin; heights are lengths times
-    # units.length, like reach.
-    inertia, nx, ny, nz, t = plane
-    x, y, z, unit, solid = placing[0], placing[1], placing[2], placing[3], centroids.shape[1] > 2
-    length = graph.units.length
-    nx, ny, nz, t = length * nx, length * ny, length * nz, length * t / unit
-    slack = _ROUNDING * extent * length
-    # 2. Tag all cells in double precision, including cells outside the sample. Cells near the plane, up to
-    # single-precision rounding, are candidates.
-    n_right, total, above, m = np.int64(0), 0.0, 0.0, np.uint64(0)
-    for k in range(np.uint64(lo), np.uint64(hi)):
-        i = np.uint32(cells[k])
-        height = nx * (centroids[i, 0] - x) + ny * (centroids[i, 1] - y) - t
-        if solid:
-            height += nz * (centroids[i, 2] - z)
-        side, measure = height > 0.0, graph.measures[i]
-        tag[i] = right_tag if side else left_tag
-        above += measure if side else 0.0
-        total += measure
-        n_right += side
-        candidates[m] = i
-        m += np.uint64(abs(height) - slack <= reach[i])
-    sides.measures[0], sides.measures[1] = total - above, above
-    sides.counts[0], sides.counts[1] = hi - lo - n_right, n_right
-    # 3. Without a plane, or with all cells on one side, halve the list.
-    if inertia > 0.0 and 0 < n_right < hi - lo:
-        return np.int64(m)
-    return piece_driver.tag_halves(graph, pieces, lo, hi, candidates, sides)
-
 
 @helper
 def _load(graph, pieces, lo, hi, means):
@@ -72,9 +30,17 @@ def _cut(graph, pieces, lo, hi, extent, means, candidates, sides):
     This is the ``cut`` of ``split_pieces_by``. Writes normal, measures and counts of ``sides``, and the
     ``candidates``; returns the candidate count.
     """
-    plane = separator(means, graph.centroids.shape[1] == 2)
-    _, sides.normal[0], sides.normal[1], sides.normal[2], _ = plane
-    return _tag_sides(graph, pieces, lo, hi, means.placing, extent, plane, candidates, sides)
+    inertia, nx, ny, nz, t = separator(means, graph.centroids.shape[1] == 2)
+    sides.normal[0], sides.normal[1], sides.normal[2] = nx, ny, nz
+    # Heights of all cells, including cells outside the sample, above the origin of the plane.
+    centroids, heights, placing = graph.centroids, means.heights, means.placing
+    x, y, z, solid, start = placing[0], placing[1], placing[2], centroids.shape[1] > 2, np.uint64(lo)
+    for k in range(np.uint64(hi - lo)):
+        i = np.uint32(pieces.cells[start + k])
+        height = nx * (centroids[i, 0] - x) + ny * (centroids[i, 1] - y)
+        heights[k] = height + nz * (centroids[i, 2] - z) if solid else height
+    bar = t / placing[3] if inertia > 0.0 else np.inf  # without a plane the list is halved
+    return piece_driver.tag_sides(graph, pieces, lo, hi, heights, bar, 1.0, extent, candidates, sides)
 
 
 @kernel

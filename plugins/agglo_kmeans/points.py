@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.authoring import helper, kernel
+from agglo_core.authoring import helper
 from agglo_core.split import piece_frames, piece_splits
 
 # Ratio of principal moments above which no axis stands out, and several are tried. A larger value is faster,
@@ -23,11 +23,14 @@ _COS, _SIN = np.cos(np.pi / _AXES), np.sin(np.pi / _AXES)
 # Number of cells above which a sample suffices. Samples of smaller pieces made less round parts, and saved
 # less than a hundredth of the time (benchmarks/partition.py).
 _MANY = 4096
-LANES = 32
+LANES = 16
 """Number of points per loop round: points with weight 0 fill the last round, for full vector speed.
 
 Fewer leave vector registers unused, more add weightless points to small pieces (benchmarks/partition.py).
 """
+_FLAT = 1e-6
+"""Fraction of (Σ m r²)^1.5 / (Σ m)^0.5 below which a third moment counts as 0, by symmetry. It is larger than
+rounding, also far from the origin."""
 
 
 class Means(NamedTuple):
@@ -35,7 +38,8 @@ class Means(NamedTuple):
 
     ``points (4, m)`` are coordinates and weights, ``means (4, bins)`` the grid means, with their ``sums``;
     ``axes (8, 3)`` are trial directions, ``frame`` and ``matrix (3, 3)`` workspace for them; ``chosen`` are
-    the sampled cells, and ``placing (5,)`` the origin, unit and number of points.
+    the sampled cells, ``placing (5,)`` the origin, unit and number of points, and ``heights (m,)`` the
+    heights of the cells above the separator.
     """
 
     points: Any
@@ -46,6 +50,7 @@ class Means(NamedTuple):
     matrix: Any
     chosen: Any
     placing: Any
+    heights: Any
 
 
 @helper(allocates=True)
@@ -53,14 +58,15 @@ def new_means(m):
     """Allocate the workspace for sets with up to m points."""
     bins = max(_BINS_2D**2, _BINS_3D**3)
     return Means(
-        np.empty((4, m + LANES), np.float32),
+        np.zeros((4, m + LANES)),
         np.empty((bins, 4)),
-        np.zeros((4, bins), np.float32),
+        np.zeros((4, bins)),
         np.empty((_AXES, 3)),
         np.empty((3, 3)),
         np.empty((3, 3)),
         np.empty(m + 1, np.int32),
         np.empty(5),
+        np.empty(m),
     )
 
 
@@ -83,7 +89,6 @@ def _gather(cells, lo, n, centroids, weights, units, points):
     length, weight = units.length, units.weight
     x0, y0, z0 = centroids[first, 0], centroids[first, 1], centroids[first, centroids.shape[1] - 1]
     x1, y1, z1, x2, y2, z2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    # Differences in double precision, stored in single: near the first cell the loss is small.
     for k in range(n):
         i = np.uint32(cells[start + np.uint64(k)])
         a, b = (centroids[i, 0] - x0) * length, (centroids[i, 1] - y0) * length
@@ -97,14 +102,13 @@ def _gather(cells, lo, n, centroids, weights, units, points):
 
 @helper(reorder_sums=True)
 def _first_moments(x, y, z, w, n):
-    """Return total weight and first moments of the points, in double precision."""
+    """Return total weight and first moments of the points."""
     total, cx, cy, cz = 0.0, 0.0, 0.0, 0.0
     for i in range(n):
-        m = float(w[i])
-        total += m
-        cx += m * x[i]
-        cy += m * y[i]
-        cz += m * z[i]
+        total += w[i]
+        cx += w[i] * x[i]
+        cy += w[i] * y[i]
+        cz += w[i] * z[i]
     return total, cx, cy, cz
 
 
@@ -116,43 +120,38 @@ def round_to_lanes(n):
 
 @helper
 def load_points(cells, lo, hi, centroids, weights, units, work):
-    """Write the centroids of ``cells[lo:hi]`` to ``work``, centred and scaled to order 1, with weights.
+    """Write the centroids of ``cells[lo:hi]`` to ``work``, centred and scaled to extent 1, with weights.
 
-    The mean weight is 1. ``units``: see ``piece_splits.units_of``. A large piece is replaced by a sample,
-    if representative. Returns the largest centroid extent along an axis, in the original unit.
+    ``units``: see ``piece_splits.units_of``. A large piece is replaced by a sample, if representative.
+    Returns the largest centroid extent along an axis, in the original unit.
     """
-    points, sampled_cells, placing, one = work.points, work.chosen, work.placing, np.float32(1.0)
+    points, sampled_cells, placing, boost = work.points, work.chosen, work.placing, 1.0
     # 1. Sample a large piece, weighted to represent all cells, unless the sample has too few cells.
-    boost = one
     if hi - lo > _MANY and len(units.sample) > 0:
         m = _select_sample(cells, lo, hi, units.sample, sampled_cells)
         if 4 * piece_splits.SAMPLED * m > hi - lo:
-            cells, lo, hi, boost = sampled_cells, 0, m, np.float32(piece_splits.SAMPLED)
+            cells, lo, hi, boost = sampled_cells, 0, m, float(piece_splits.SAMPLED)
     n, d, first = hi - lo, centroids.shape[1], cells[lo]
     x, y, z, w = points[0], points[1], points[2], points[3]
-    # 2. Convert to single precision relative to the first cell; heavy sample cells represent only
-    # themselves.
+    # 2. Points relative to the first cell; heavy sample cells represent only themselves.
     extent = _gather(cells, lo, n, centroids, weights, units, points)
-    if boost > one:
+    if boost > 1.0:
         for k in range(n):
-            w[k] *= boost if units.sample[np.uint32(cells[k])] < 2 else one
-    # 3. Move the centre of mass to the origin, scale to extent 1, mean weight 1.
+            w[k] *= boost if units.sample[np.uint32(cells[k])] < 2 else 1.0
+    # 3. Move the centre of mass to the origin, and scale to extent 1.
     total, cx, cy, cz = _first_moments(x, y, z, w, n)
-    if not total > 1e-30:  # no weight in single precision: equal weights
-        total, cx, cy, cz = float(n), 0.0, 0.0, 0.0
+    if not total > 0.0:  # no weight: equal weights
         for k in range(n):
             w[k] = 1.0
-            cx += x[k]
-            cy += y[k]
-            cz += z[k]
-    cx, cy, cz = np.float32(cx / total), np.float32(cy / total), np.float32(cz / total)
-    scale, share = np.float32(1.0 / extent if extent > 0.0 else 1.0), np.float32(n / total)
+        total, cx, cy, cz = _first_moments(x, y, z, w, n)
+    cx, cy, cz = cx / total, cy / total, cz / total
+    scale = 1.0 / extent if extent > 0.0 else 1.0
     for k in range(n):
         x[k] = (x[k] - cx) * scale
         y[k] = (y[k] - cy) * scale
-        w[k] *= share
-    for k in range(n):
-        z[k] = (z[k] - cz) * scale if d == 3 else np.float32(0.0)
+    if d == 3:
+        for k in range(n):
+            z[k] = (z[k] - cz) * scale
     # 4. Pad with weightless points to a full round of vector registers, and store the origin.
     for k in range(n, round_to_lanes(n)):
         x[k], y[k], z[k], w[k] = 0.0, 0.0, 0.0, 0.0
@@ -163,20 +162,25 @@ def load_points(cells, lo, hi, centroids, weights, units, work):
     return extent / length
 
 
-@kernel(reorder_sums=True)
+@helper(reorder_sums=True)
 def moments(x, y, z, w, n):
-    """Return total weight and second moments of the points, in double precision."""
-    a, xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    """Return total weight, second moments, and third moment Σ m |r|² r of the points."""
+    a, xx, xy, xz, yy, yz, zz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
-        u, v, t, m = float(x[i]), float(y[i]), float(z[i]), float(w[i])
+        u, v, t, m = x[i], y[i], z[i], w[i]
+        mu, mv, mt = m * u, m * v, m * t
+        square = u * u + v * v + t * t
         a += m
-        xx += m * u * u
-        xy += m * u * v
-        xz += m * u * t
-        yy += m * v * v
-        yz += m * v * t
-        zz += m * t * t
-    return a, xx, xy, xz, yy, yz, zz
+        xx += mu * u
+        xy += mu * v
+        xz += mu * t
+        yy += mv * v
+        yz += mv * t
+        zz += mt * t
+        tx += mu * square
+        ty += mv * square
+        tz += mt * square
+    return a, xx, xy, xz, yy, yz, zz, tx, ty, tz
 
 
 @helper(reorder_sums=True)
@@ -184,8 +188,7 @@ def _fourth(x, y, w, n):
     """Return real and imaginary part of the fourth moment ⟨(x + iy)⁴⟩ in 2-D."""
     re, im = 0.0, 0.0
     for i in range(n):
-        u, v = float(x[i]), float(y[i])
-        p, q = u * u - v * v, 2.0 * u * v
+        p, q = x[i] * x[i] - y[i] * y[i], 2.0 * x[i] * y[i]
         re += w[i] * (p * p - q * q)
         im += w[i] * 2.0 * p * q
     return re, im
@@ -211,8 +214,7 @@ def _half_angle(x, y):
 def _planar_axes(x, y, w, n, second, frame, axes):
     """Write one or eight trial directions in 2-D to ``axes``, and return their number.
 
-    ``frame`` receives the first direction and its normal. ``second (7,)`` are weight and second moments
-    from :func:`moments`.
+    ``frame`` receives the first direction and its normal. ``second`` are the results of :func:`moments`.
     """
     xx, xy, yy = second[1], second[2], second[4]
     mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
@@ -243,7 +245,7 @@ def _planar_axes(x, y, w, n, second, frame, axes):
 def _spatial_axes(second, a, frame, axes):
     """Write three principal and four diagonal directions to ``axes``, and return their number.
 
-    ``second (7,)`` are weight and second moments, ``a (3, 3)`` is workspace.
+    ``second`` are the results of :func:`moments`, ``a (3, 3)`` is workspace.
     """
     # 1. Eigenvectors of the second moments; the eigenvalues remain on the diagonal.
     a[0, 0], a[0, 1], a[0, 2] = second[1], second[2], second[3]
@@ -265,11 +267,19 @@ def _spatial_axes(second, a, frame, axes):
     return 7
 
 
+@helper
+def _orient(row, third, bound):
+    """Reverse a direction, unless the third moment along it is positive or vanishes."""
+    if row[0] * third[0] + row[1] * third[1] + row[2] * third[2] < -bound:
+        for k in range(3):
+            row[k] = -row[k]
+
+
 @helper(reorder_sums=True)
 def _reach(x, y, z, n, axis):
     """Return the largest distance of the points from the centre, along an axis."""
-    a, b, c = np.float32(axis[0]), np.float32(axis[1]), np.float32(axis[2])
-    low, high = np.float32(0.0), np.float32(0.0)
+    a, b, c = axis[0], axis[1], axis[2]
+    low, high = 0.0, 0.0
     for i in range(n):
         along = a * x[i] + b * y[i] + c * z[i]
         low = along if along < low else low
@@ -289,7 +299,7 @@ def bin_points(x, y, z, w, n, frame, planar, sums, means):
     # 1. A square or cube about the centre that contains all points, with equally many bins each way.
     reach = 1e-30
     for k in range(2 if planar else 3):
-        reach = max(reach, float(_reach(x, y, z, n, frame[k])))
+        reach = max(reach, _reach(x, y, z, n, frame[k]))
     for b in range(count):
         for k in range(4):
             sums[b, k] = 0.0
@@ -322,6 +332,14 @@ def bin_points(x, y, z, w, n, frame, planar, sums, means):
 def axes_to_try(x, y, w, n, second, planar, a, frame, axes):
     """Write trial directions to ``axes``, and return their number.
 
-    ``frame`` receives an orthogonal frame.
+    ``frame`` receives an orthogonal frame. All directions point to where the third moment is positive, so
+    that they move with the points.
     """
-    return _planar_axes(x, y, w, n, second, frame, axes) if planar else _spatial_axes(second, a, frame, axes)
+    count = _planar_axes(x, y, w, n, second, frame, axes) if planar else _spatial_axes(second, a, frame, axes)
+    inertia, third = second[1] + second[4] + second[6], second[7:]
+    bound = _FLAT * inertia * np.sqrt(inertia / second[0])
+    for c in range(count):
+        _orient(axes[c], third, bound)
+    for c in range(3):
+        _orient(frame[c], third, bound)
+    return count

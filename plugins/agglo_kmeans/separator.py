@@ -7,7 +7,8 @@ import numpy as np
 from agglo_core.authoring import helper
 from agglo_kmeans.points import axes_to_try, bin_points, moments, round_to_lanes
 
-_TIE = 4e-6  # relative to the size: points this close to the separator are on side 0 (single precision)
+_TIE = 1e-7  # relative to the size: points this close to the separator are on side 0, beyond rounding
+_EQUAL = 1e-9  # relative: inertias that differ by less are equal, and the first axis decides
 _ITERATIONS = np.int64(100)  # maximum number of Lloyd steps: they end when nothing changes
 # Lloyd steps from each axis before the best continues: more choose the axis better, and each reads all points
 # (benchmarks/partition.py).
@@ -19,19 +20,18 @@ _MANY = 16_384
 
 @helper(reorder_sums=True)
 def _side_sums(x, y, z, w, n, planar, nx, ny, nz, t):
-    """Return total weight and first moments of the points with normal · point > t, in single precision."""
+    """Return total weight and first moments of the points with normal · point > t."""
     # Points on the other side are added with weight 0: without branches the loops vectorise.
-    zero = np.float32(0.0)
-    a, sx, sy, sz = zero, zero, zero, zero
+    a, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
     if planar:
         for i in range(n):
-            m = w[i] if nx * x[i] + ny * y[i] > t else zero
+            m = w[i] if nx * x[i] + ny * y[i] > t else 0.0
             a += m
             sx += m * x[i]
             sy += m * y[i]
     else:
         for i in range(n):
-            m = w[i] if nx * x[i] + ny * y[i] + nz * z[i] > t else zero
+            m = w[i] if nx * x[i] + ny * y[i] + nz * z[i] > t else 0.0
             a += m
             sx += m * x[i]
             sy += m * y[i]
@@ -52,12 +52,9 @@ def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
     for _ in range(steps):
         # 1. Weight a and first moment s of one side; the other side has total − a and −s. Without weight on
         # both sides, or with coinciding means, there is no split.
-        sums = _side_sums(
-            x, y, z, w, n, planar, np.float32(nx), np.float32(ny), np.float32(nz), np.float32(t)
-        )
-        a, sx, sy, sz = float(sums[0]), float(sums[1]), float(sums[2]), float(sums[3])
+        a, sx, sy, sz = _side_sums(x, y, z, w, n, planar, nx, ny, nz, t)
         b, square = total - a, sx * sx + sy * sy + sz * sz
-        if not (a > 0.0 and b > 1e-6 * total and square > 0.0):
+        if not (a > 0.0 and b > 1e-12 * total and square > 0.0):
             return -1.0, nx, ny, nz, t
         # 2. The means are s / a and −s / b: inertia a |s/a|² + b |s/b|² = |s|² (a + b) / (a b).
         share = square / (a * b)  # s² / (a b): divisions and roots cost more than all else
@@ -79,12 +76,12 @@ def separator(work, planar):
 
     Returns its inertia, not positive without a split, the normal (3 numbers) and t.
     """
-    points, sums, means, axes, frame, matrix, _, placing = work
+    points, sums, means, axes, frame, matrix, _, placing, _ = work
     x, y, z, w = points[0], points[1], points[2], points[3]
     n = round_to_lanes(np.int64(placing[4]))
     # 1. Starting planes: normal to the principal axis, or to several axes if none stands out.
     second = moments(x, y, z, w, n)
-    total, xx, _, _, yy, _, zz = second
+    total, xx, yy, zz = second[0], second[1], second[4], second[6]
     tie = _TIE * np.sqrt((xx + yy + zz) / total)
     count = axes_to_try(x, y, w, n, second, planar, matrix, frame, axes)
     # 2. Replace very many points by their means in each grid cell.
@@ -96,8 +93,8 @@ def separator(work, planar):
     for c in range(count):
         start = (0.0, axes[c, 0], axes[c, 1], axes[c, 2], tie)
         trial = _lloyd(x, y, z, w, n, planar, total, tie, start, _TRIED if count > 1 else _ITERATIONS)
-        # Better by more than single-precision rounding: among equally good axes the first wins.
-        if trial[0] > best[0] * (1.0 + 1e-5):
+        # Better by more than rounding: among equally good axes the first wins.
+        if trial[0] > best[0] * (1.0 + _EQUAL):
             best = trial
     if count > 1 and best[0] > 0.0:
         best = _lloyd(x, y, z, w, n, planar, total, tie, best, _ITERATIONS)

@@ -164,6 +164,27 @@ def test_sizes_far_from_the_usual(n, refiners):
             assert same_partition(one[order], two)
 
 
+@pytest.mark.parametrize(
+    ("make", "size", "seed"),
+    [
+        (samples.voronoi, 1000, 105),
+        (samples.random_triangles, 500, 55),
+        (samples.random_triangles, 500, 189),
+        (samples.random_tetrahedra, 300, 28),
+        (samples.random_tetrahedra, 300, 141),
+    ],
+)
+def test_cells_close_to_a_separator_keep_their_side(make, size: int, seed: int) -> None:
+    """In single precision rounding decided the side of a cell in these meshes."""
+    mesh = make(size, seed=seed)
+    turn = rotation(np.random.default_rng(seed), mesh.dim)
+    one, two = (
+        agglo.agglomerate(replace(mesh, points=points), n_parts=mesh.n_cells // 80).levels[0]
+        for points in (mesh.points, mesh.points @ turn.T)
+    )
+    assert same_partition(one, two)
+
+
 @pytest.mark.parametrize("parts", [2, 12])
 def test_the_refiner_alone_does_not_depend_on_numbering(parts):
     """Long ways around holes: how far it looks must not depend on where it starts to look."""

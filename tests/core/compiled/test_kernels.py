@@ -527,7 +527,7 @@ def slow_two_means(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Two of Lloyd's steps from each axis; the one of least energy goes on."""
     x = points - np.average(points, axis=0, weights=weights)
     size = np.sqrt((weights @ x**2).sum() / weights.sum())
-    tried = [lloyd(x, weights, (x @ a > 4e-6 * size).astype(int), 2) for a in axes_to_try(x, weights)]
+    tried = [lloyd(x, weights, (x @ a > 1e-7 * size).astype(int), 2) for a in axes_to_try(x, weights)]
     energy = min(each[0] for each in tried)
     rivals = [each for each in tried if each[0] > energy * (1 - 1e-6) and each[0] < energy * (1 + 1e-4)]
     assume(len({tuple(each[1] ^ each[1][0]) for each in rivals}) == 1)  # a draw: either will do
