@@ -49,7 +49,8 @@ def require_points(graph: Graph, keywords: Keywords, run: Run) -> None:
 
     Sizes need points, and so do bisectors with ``needs_points = True``.
     """
-    if graph.n < 2 or (graph.centroids != graph.centroids[0]).any():
+    first, last = graph.centroids[:1], graph.centroids[-1:]  # they usually differ, unlike those of a pillar
+    if graph.n < 2 or (last != first).any() or (graph.centroids != first).any():
         return
     problem = "all points of the graph coincide, as in Graph.from_scipy(A) without points; give points, or"
     sizes = [name for name in SIZES if getattr(keywords, name) is not None]

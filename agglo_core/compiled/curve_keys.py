@@ -102,10 +102,11 @@ def sort_keys(keys, first, result):
 @kernel
 def sort_ties(keys, spare, points, axis):
     """Sort points in the same step of the curve along the ``axis (1, d)``, in the sorted ``keys (n,)``."""
-    start, places = 0, np.empty(16)
-    for i in range(1, len(keys) + 1):
-        if i < len(keys) and keys[i] >> spare == keys[start] >> spare:
-            continue
+    i, places = 1, np.empty(16)
+    while i < len(keys):
+        start = i - 1
+        while i < len(keys) and (keys[i] ^ keys[start]) >> spare == _ZERO:
+            i += 1
         if i > start + 1:
             if i - start > len(places):
                 places = np.empty(2 * (i - start))
@@ -113,4 +114,4 @@ def sort_ties(keys, spare, points, axis):
                 point = keys[k] & ((ONE << spare) - ONE)
                 places[k - start] = _project(points[point], axis, 0)
             sort_by_keys(keys[start:i], places, i - start)
-        start = i
+        i += 1

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import combinations, combinations_with_replacement
 
 import numpy as np
 
-from agglo_core.arrays import Float, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 
 _ISOTROPIC = 0.9
 """Ratio of second moments above which fourth moments define the axes in their plane. A convention: principal
@@ -43,9 +44,9 @@ def moving_frame(points: Float, weights: Float) -> Float:
         for i, j in planes:
             frame = _rotate_plane(frame, fourth, i, j)
     # 3. Longest axis first again, and toward the positive third moment.
-    lengths = np.einsum("ai,ij,aj->a", frame, second, frame)
+    lengths = ((frame @ second) * frame).sum(axis=1)
     frame = frame[np.argsort(-lengths, kind="stable")]
-    skew = np.einsum("ai,aj,ak,ijk->a", frame, frame, frame, third)
+    skew = np.array([third @ axis @ axis @ axis for axis in frame])
     symmetric = np.abs(skew) <= _ROUNDING * max(float(values[0]), 0.0) ** 1.5
     direction = np.where(symmetric, frame @ _SOMEWHERE[:d], skew)
     return frozen_float(np.where(direction < 0.0, -1.0, 1.0)[:, None] * frame)
@@ -60,13 +61,20 @@ def _moments(points: Float, weights: Float) -> tuple[Float, Float, Float]:
     shares = weights / total if total > 0.0 else np.full(n, 1.0 / max(n, 1))
     centre = shares @ points
     # 1. Sums of w r r, w r r r and w r r r r over the distinct pairs of coordinates.
-    pairs = frozen_int(list(combinations_with_replacement(range(d), 2)))
+    pairs, place = _pairs(d)
     second, sums = moment_sums(frozen_float(points), frozen_float(shares), frozen_float(centre), pairs)
     # 2. Full tensors.
+    return second[place], sums[:d][:, place], sums[d:][place][:, :, place]
+
+
+@cache
+def _pairs(d: int) -> tuple[Int, Int]:
+    """Return the distinct pairs of coordinates ``(P, 2)``, and the place of each pair ``(d, d)``."""
+    pairs = frozen_int(list(combinations_with_replacement(range(d), 2)))
     place = np.zeros((d, d), np.int64)
     for p, (i, j) in enumerate(pairs):
         place[i, j] = place[j, i] = p
-    return second[place], sums[:d][:, place], sums[d:][place][:, :, place]
+    return pairs, frozen_int(place)
 
 
 def _rotate_plane(frame: Float, fourth: Float, i: int, j: int) -> Float:
@@ -75,13 +83,12 @@ def _rotate_plane(frame: Float, fourth: Float, i: int, j: int) -> Float:
     With complex numbers z = x + iy in the plane, ⟨x⁴ + y⁴⟩ = ¾ ⟨|z|⁴⟩ + ¼ Re ⟨z⁴⟩. A rotation by θ multiplies
     ⟨z⁴⟩ by e^(−4iθ), so the sum is least where ⟨z⁴⟩ becomes real and negative.
     """
-    axes = frame[[i, j]]
-    plane = np.einsum("ai,bj,ck,dl,ijkl->abcd", axes, axes, axes, axes, fourth)
-    real = plane[0, 0, 0, 0] - 6.0 * plane[0, 0, 1, 1] + plane[1, 1, 1, 1]
-    imaginary = 4.0 * (plane[0, 0, 0, 1] - plane[0, 1, 1, 1])
-    if np.hypot(real, imaginary) <= _ROUNDING * (plane[0, 0, 0, 0] + plane[1, 1, 1, 1]):
+    z = frame[i] + 1j * frame[j]
+    partial = fourth @ z @ z
+    product, scale = z @ partial @ z, z.conj() @ partial @ z.conj()
+    if abs(product) <= _ROUNDING * abs(scale):
         return frame
-    angle = np.arctan2(-imaginary, -real) / 4.0
+    angle = np.angle(-product) / 4.0
     cos, sin = np.cos(angle), np.sin(angle)
     result = frame.copy()
     result[i], result[j] = cos * frame[i] + sin * frame[j], cos * frame[j] - sin * frame[i]

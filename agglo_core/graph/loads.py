@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import getitem
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -37,7 +38,10 @@ class Loads(NamedTuple):
 
     def take(self, nodes: Any) -> Loads:
         """Return the quantities of selected nodes."""
-        return Loads(self.kind, *(None if each is None else frozen_float(each[nodes]) for each in self[1:]))
+        choose = getitem if isinstance(nodes, slice) else np.take  # faster than indexing
+        return Loads(
+            self.kind, *(None if each is None else frozen_float(choose(each, nodes)) for each in self[1:])
+        )
 
     def added(self, labels: Int) -> Loads:
         """Return the quantities of agglomerates ``labels (n,)``, summed over their nodes."""

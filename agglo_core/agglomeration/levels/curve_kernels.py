@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
-from agglo_core.compiled.graphs import find_root
+from agglo_core.compiled.graphs import flood
 
 _TIE = 1e-9  # relative: shares that differ by less are equal, and the lower part number decides
 _WIDTHS = 3.0
@@ -38,41 +38,33 @@ def stretched_cells(indptr, indices, centroids, measures, step):
 
 
 @helper
-def _join_earlier(indptr, indices, parts, root, count, i):
-    """Join cell i with its neighbours that precede it in the same run, and return the number of joins.
+def _keep_largest(indptr, indices, run, parts, open_parts, nodes, strays, n_strays):
+    """Keep the largest component of the cells in a ``run``, and list the other cells as strays.
 
-    The root of a component is its first cell, with its cell ``count``.
+    Strays have part −1. Returns the new number of strays. ``open_parts (n,)`` are the parts of cells without
+    component, −1 for other cells, and ``nodes (n + 1,)`` is workspace.
     """
-    home, mine, joins = parts[i], i, np.int64(0)
-    for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
-        j = np.int64(np.uint32(indices[h]))
-        if j < i and parts[j] == home:
-            other = find_root(root, j)
-            if other != mine:
-                first, second = min(mine, other), max(mine, other)
-                root[second], mine = first, first
-                count[first] += count[second]
-                joins += 1
-    return joins
-
-
-@helper
-def _keep_largest(cells, start, stop, parts, root, count, strays, n_strays):
-    """Keep the largest component of the run ``cells[start:stop]``, and list the other cells as strays.
-
-    Strays have part −1. Returns the new number of strays.
-    """
-    largest = np.int64(cells[start])
-    for c in range(start, stop):
-        i = np.int64(cells[c])
-        if root[i] == i and count[i] > count[largest]:
-            largest = i
-    for c in range(start, stop):
-        i = np.int64(cells[c])
-        if find_root(root, i) != largest:
-            parts[i] = -1
-            strays[n_strays] = i
-            n_strays += 1
+    # 1. Components, in the order of their first cells.
+    filled, first, size = np.int64(0), np.int64(0), np.int64(0)
+    for i in run:
+        if open_parts[i] >= 0:
+            start = filled
+            filled = flood(np.int64(i), indptr, indices, open_parts, nodes, start)
+            if filled - start > size:
+                first, size = start, filled - start
+            if filled == len(run):
+                break
+    if size == len(run):
+        return n_strays
+    # 2. Cells outside the largest component.
+    part = parts[run[0]]
+    for i in run:
+        parts[i] = -1
+    for c in range(first, first + size):
+        parts[np.uint32(nodes[c])] = part
+    for i in run:
+        strays[n_strays] = i
+        n_strays += parts[i] < 0
     return n_strays
 
 
@@ -101,29 +93,32 @@ def connected_runs(indptr, indices, interface, mass, cells, offsets, quotas):
     the other cells join an adjacent part.
     """
     n, first = len(cells), np.int64(0)
-    parts, root = np.full(n, -1, np.int32), np.empty(n, np.int32)
-    count, strays, size = np.empty(n, np.int32), np.empty(n, np.int32), np.zeros(quotas.sum())
+    parts, open_parts, nodes = np.full(n, -1, np.int32), np.full(n, -1, np.int32), np.empty(n + 1, np.int32)
+    strays, size, starts = (
+        np.empty(n + 1, np.int32),
+        np.zeros(quotas.sum()),
+        np.empty(quotas.max() + 1, np.int64),
+    )
     for b in range(len(quotas)):
         lo, hi, k, n_strays = offsets[b], offsets[b + 1], quotas[b], np.int64(0)
-        total, below, part, start, components = 0.0, 0.0, np.int64(0), lo, np.int64(0)
+        total, below, part = 0.0, 0.0, np.int64(0)
         for c in range(lo, hi):
             total += mass[cells[c]]
+        # 1. The run of a cell follows from the mass before its middle, or its place without mass. The next
+        #    run begins at most once per cell, and early enough that every run has a cell.
+        starts[0], starts[k] = lo, hi
         for c in range(lo, hi):
-            # 1. The run of a cell follows from the mass before its middle, or its place without mass. The
-            #    next run begins at most once per cell, and early enough that every run has a cell.
             i = np.int64(cells[c])
             middle = (below + 0.5 * mass[i]) / total if total > 0.0 else (c - lo + 0.5) / (hi - lo)
             below += mass[i]
-            wanted = max(np.int64(middle * k), k - (hi - c))
-            if wanted > part and c > start:
-                if components > 1:
-                    n_strays = _keep_largest(cells, start, c, parts, root, count, strays, n_strays)
-                part, start, components = part + 1, c, np.int64(0)
-            # 2. Components of the run, by union-find.
-            parts[i], root[i], count[i] = first + part, i, 1
-            components += 1 - _join_earlier(indptr, indices, parts, root, count, i)
-        if components > 1:
-            n_strays = _keep_largest(cells, start, hi, parts, root, count, strays, n_strays)
+            if max(np.int64(middle * k), k - (hi - c)) > part and c > starts[part]:
+                part += 1
+                starts[part] = c
+            parts[i] = open_parts[i] = first + part
+        # 2. Each run keeps its largest component, and the other cells become strays.
+        for p in range(k):
+            run = cells[starts[p] : starts[p + 1]]
+            n_strays = _keep_largest(indptr, indices, run, parts, open_parts, nodes, strays, n_strays)
         # 3. Strays join an adjacent part, in rounds from the parts outward.
         for c in range(lo, hi if n_strays > 0 else lo):
             if parts[cells[c]] >= 0:

@@ -164,19 +164,23 @@ def _sort_listed(cells, state, work, b, start, stop):
             key += cells.axes[b, 2] * cells.centroids[i, 2]
         work.keys[c - start] = key
     # 2. Few cells, the usual case: count the cells before each one. Nothing depends on mispredicted branches.
-    if stop - start <= _SHORT:
-        for c in range(stop - start):
+    #    If all keys differ, the sum of the counts is that of the numbers below the number of cells.
+    size, total = stop - start, np.int64(0)
+    if size <= _SHORT:
+        for c in range(size):
             key, rank = work.keys[c], np.int64(0)
-            for k in range(stop - start):
-                rank += np.int64((work.keys[k] < key) | ((work.keys[k] == key) & (k < c)))
+            for k in range(size):
+                rank += np.int64(work.keys[k] < key)
             work.queue[rank] = state.listed[start + c]
-        for c in range(stop - start):
-            state.listed[start + c] = work.queue[c]
-        return
+            total += rank
+        if 2 * total == size * (size - 1):
+            for c in range(size):
+                state.listed[start + c] = work.queue[c]
+            return
     # 3. Otherwise sort with decreasing gaps (Shell sort).
-    gap = (stop - start) // 2
+    gap = (size) // 2
     while gap > 0:
-        for c in range(gap, stop - start):
+        for c in range(gap, size):
             i, key, j = state.listed[start + c], work.keys[c], c
             while j >= gap and work.keys[j - gap] > key:
                 work.keys[j] = work.keys[j - gap]
