@@ -224,7 +224,6 @@ def _read_ahead(cells, state, work, c, last):
     prefetch(cells.weights, i)
     prefetch(cells.measures, i)
     prefetch(state.parts, i)
-    prefetch(state.due, i)
     # 2. Neighbours.
     i = np.uint64(np.uint32(state.listed[min(c + _STEPS[1], last)]))
     begin, end = np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE]) - ONE
@@ -291,14 +290,12 @@ def _visit_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, 
                 slices.gains[s, 0] += inertia
                 slices.gains[s, 1] += cut
                 moved += 1
-                # 5. Neighbours in the block are due in the next sweep, unless this sweep has yet to visit
-                #    them.
+                # 5. Neighbours in the block are due in the next sweep. A visit later in this sweep replaces
+                #    the mark.
                 for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
                     j = np.uint32(cells.indices[h])
-                    p = state.parts[j]
-                    if begin <= p < end:
-                        waits = (lo <= p) & (p < hi) & (state.due[j] == sweep)
-                        state.due[j] = sweep if waits else sweep + 1
+                    if begin <= state.parts[j] < end:
+                        state.due[j] = sweep + 1
     return moved
 
 
