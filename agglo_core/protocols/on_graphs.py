@@ -183,6 +183,10 @@ class Refiner(Protocol):
     :data:`agglo_core.graph.objectives.OBJECTIVES`, such as ``"interface"`` (total length) or
     ``"compactness"`` (moment of inertia), or a metric, summed over the parts.
 
+    An optional attribute ``tests_moves = True`` declares that no move disconnects or empties a part, or makes
+    a part wider than ``target.h_star``. Finished levels are then not tested again, so a false declaration
+    leaves disconnected or wide parts.
+
     Examples
     --------
     >>> from agglo_core.protocols import Refiner

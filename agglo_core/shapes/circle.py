@@ -290,6 +290,47 @@ def _near_on_arc(edges, f, x, y, t, limit, dx, dy, end_x, end_y, side):
 
 
 @helper
+def _edge_nearer(edges, m, axis, reach, touching, x, y, t, limit):
+    """Return an edge within the squared distance ``limit`` of (x, y), and its squared distance.
+
+    If there is none, these belong to the nearest edge within ``t``. See :func:`_radii`.
+    """
+    # 1. Among the edges that touch the best circle.
+    f, square = np.int64(0), np.inf
+    for k in range(3):
+        ox, oy = _offset(edges, touching[k], x, y)
+        if ox * ox + oy * oy < square:
+            f, square = touching[k], ox * ox + oy * oy
+    if square < limit:
+        return f, square
+    # 2. Among all edges, or in a sorted table among those that reach a strip about the point.
+    start, stop = np.int64(0), m
+    if reach >= 0.0:
+        place = x if axis == 0 else y
+        start = _first_beyond(edges, m, place - t - reach)
+        stop = max(_first_beyond(edges, m, place + t + reach), start + 1)
+    f = _nearest_edge(edges, start, min(stop, m), x, y)
+    return f, edges[_VALUE, f]
+
+
+@helper
+def _cut_arc(edges, pieces, size, f, x0, y0, t, limit, dx, dy, near):
+    """Split an arc at its middle direction (dx, dy) into the pieces ``size`` and ``size + 1``.
+
+    If the middle is ``near`` the edge f, the pieces leave out the points within ``t`` of the edge.
+    """
+    ax, ay, bx, by = dx, dy, dx, dy
+    first_x, first_y = pieces[size, 0], pieces[size, 1]
+    last_x, last_y = pieces[size, 2], pieces[size, 3]
+    if near:
+        ax, ay = _near_on_arc(edges, f, x0, y0, t, limit, dx, dy, first_x, first_y, 1.0)
+        bx, by = _near_on_arc(edges, f, x0, y0, t, limit, dx, dy, last_x, last_y, -1.0)
+    pieces[size, 2], pieces[size, 3] = ax, ay
+    pieces[size + 1, 0], pieces[size + 1, 1] = bx, by
+    pieces[size + 1, 2], pieces[size + 1, 3] = last_x, last_y
+
+
+@helper
 def _radii(edges, m, is_convex, axis, reach, diameter, touching, inverse, pieces):
     """Return the radii of the largest circle inside an outline: anywhere, and about the origin.
 
@@ -334,20 +375,8 @@ def _radii(edges, m, is_convex, axis, reach, diameter, touching, inverse, pieces
                 x, y, is_short = x0 + at * ux, y0 + at * uy, not length > _SHORT * t
             if is_short:
                 continue
-            # 3. Find an edge f nearer than t: first among those that touch the best circle.
-            f, square = np.int64(0), np.inf
-            for k in range(3):
-                ox, oy = _offset(edges, touching[k], x, y)
-                if ox * ox + oy * oy < square:
-                    f, square = touching[k], ox * ox + oy * oy
-            if square >= limit:
-                start, stop = np.int64(0), m
-                if reach >= 0.0:
-                    place = x if axis == 0 else y
-                    start = _first_beyond(edges, m, place - t - reach)
-                    stop = max(_first_beyond(edges, m, place + t + reach), start + 1)
-                f = _nearest_edge(edges, start, min(stop, m), x, y)
-                square = edges[_VALUE, f]
+            # 3. Find an edge f nearer than t.
+            f, square = _edge_nearer(edges, m, axis, reach, touching, x, y, t, limit)
             # 4. If there is none, the circle about (x, y) is larger. A point outside, beyond a gap narrower
             #    than the rounding or where cells overlap, excludes the points up to the next edge.
             if square >= limit and _is_inside(edges, m, x, y):
@@ -357,17 +386,9 @@ def _radii(edges, m, is_convex, axis, reach, diameter, touching, inverse, pieces
                 continue
             # 5. The points of the piece within t of f are not centres of larger circles: keep the rest.
             if is_arc:
-                ax, ay, bx, by = dx, dy, dx, dy
                 if square >= limit and length <= 1.7:
                     continue
-                first_x, first_y = pieces[size, 0], pieces[size, 1]
-                last_x, last_y = pieces[size, 2], pieces[size, 3]
-                if square < limit:
-                    ax, ay = _near_on_arc(edges, f, x0, y0, t, limit, dx, dy, first_x, first_y, 1.0)
-                    bx, by = _near_on_arc(edges, f, x0, y0, t, limit, dx, dy, last_x, last_y, -1.0)
-                pieces[size, 2], pieces[size, 3] = ax, ay
-                pieces[size + 1, 0], pieces[size + 1, 1] = bx, by
-                pieces[size + 1, 2], pieces[size + 1, 3] = last_x, last_y
+                _cut_arc(edges, pieces, size, f, x0, y0, t, limit, dx, dy, square < limit)
             else:
                 if square < limit:
                     low, high = _near_on_line(edges, f, x0, y0, ux, uy, t)
