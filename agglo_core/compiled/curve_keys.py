@@ -30,31 +30,36 @@ def _project(point, axes, a):
 
 
 @kernel
-def curve_keys(points, axes, bits, table, keys):
-    """Write the index along a Hilbert curve, followed by the point number, to ``keys (n,)``.
-
-    The curve has 2^bits steps along each of the ``axes (d, d)``. The point number takes the remaining
-    64 − d · bits bits. The ``table`` converts the steps by six bits at a time: see ``hilbert_table`` in
-    ``graph/ordering.py``.
-    """
-    n, d = points.shape
-    low, extent = np.empty(d), 0.0
-    # 1. Bounding cube: the scale of the longest side for all axes.
+def bounding_cube(points, axes):
+    """Return the lower corner ``(d,)`` of the bounding box along the axes, and its longest side."""
+    d, extent = points.shape[1], 0.0
+    low = np.empty(d)
     for a in range(d):
         least, most = np.inf, -np.inf
-        for i in range(n):
+        for i in range(len(points)):
             x = _project(points[i], axes, a)
             least, most = min(least, x), max(most, x)
         low[a], extent = least, max(extent, most - least)
-    rate = (2.0**bits - 1.0) / (extent if extent > 0.0 else 1.0)
-    # 2. Steps along each axis.
+    return low, extent
+
+
+@kernel
+def curve_keys(points, start, axes, low, extent, bits, table, keys):
+    """Write the index along a Hilbert curve, followed by the point number, to ``keys (m,)``.
+
+    These are the keys of m points from number ``start``. The curve has 2^bits steps along each of the ``axes
+    (d, d)`` of the cube from :func:`bounding_cube`. The point number takes the remaining 64 − d · bits bits.
+    The ``table`` converts the steps by six bits at a time: see ``hilbert_table`` in ``graph/ordering.py``.
+    """
+    d, rate = points.shape[1], (2.0**bits - 1.0) / (extent if extent > 0.0 else 1.0)
+    # 1. Steps along each axis.
     spare, width = np.uint64(64 - d * bits), np.uint64(6 // d)
     digit = (ONE << width) - ONE
-    for i in range(np.uint64(n)):
+    for i in range(np.uint64(start), np.uint64(start + len(keys))):
         x = np.uint64((_project(points[i], axes, 0) - low[0]) * rate + _OFFSET)
         y = np.uint64((_project(points[i], axes, 1) - low[1]) * rate + _OFFSET)
         z = np.uint64((_project(points[i], axes, 2) - low[2]) * rate + _OFFSET) if d > 2 else _ZERO
-        # 3. Convert to the Hilbert curve, from the largest cubes to the smallest. Point numbers make the keys
+        # 2. Convert to the Hilbert curve, from the largest cubes to the smallest. Point numbers make the keys
         #    distinct.
         key, state, place = _ZERO, _ZERO, np.uint64(bits)
         while place > _ZERO:
@@ -63,7 +68,7 @@ def curve_keys(points, axes, bits, table, keys):
             cube = cube << width | (z >> place & digit) if d > 2 else cube
             entry = np.uint64(table[state, cube])
             key, state = key << _SIX | (entry & _LOW_SIX), entry >> _SIX
-        keys[i] = key << spare | i
+        keys[i - np.uint64(start)] = key << spare | i
 
 
 @kernel
@@ -102,16 +107,17 @@ def sort_keys(keys, first, result):
 @kernel
 def sort_ties(keys, spare, points, axis):
     """Sort points in the same step of the curve along the ``axis (1, d)``, in the sorted ``keys (n,)``."""
-    i, places = 1, np.empty(16)
-    while i < len(keys):
-        start = i - 1
-        while i < len(keys) and (keys[i] ^ keys[start]) >> spare == _ZERO:
-            i += 1
-        if i > start + 1:
-            if i - start > len(places):
-                places = np.empty(2 * (i - start))
-            for k in range(start, i):
-                point = keys[k] & ((ONE << spare) - ONE)
-                places[k - start] = _project(points[point], axis, 0)
-            sort_by_keys(keys[start:i], places, i - start)
-        i += 1
+    i, n, places = ONE, np.uint64(len(keys)), np.empty(16)
+    while i < n:
+        start = i - ONE
+        while i < n and (keys[i] ^ keys[start]) >> spare == _ZERO:
+            i += ONE
+        m = np.int64(i - start)
+        if m > 1:
+            if m > len(places):
+                places = np.empty(2 * m)
+            for k in range(m):
+                point = keys[start + np.uint64(k)] & ((ONE << spare) - ONE)
+                places[k] = _project(points[point], axis, 0)
+            sort_by_keys(keys[start:i], places, m)
+        i += ONE

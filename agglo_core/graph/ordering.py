@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, frozen, frozen_float, frozen_int
+from agglo_core.threads import over_ranges
 
 _BITS = {2: 18, 3: 14}
 """Largest number of bits per axis, a multiple of 6 / d. More bits take more time, and only separate points
@@ -29,14 +30,15 @@ def curve_order(points: Float, axes: Float | None = None) -> Int:
     >>> curve_order(np.array([[1.0, 1.0], [0.0, 0.0], [0.1, 0.0]]))
     array([1, 2, 0])
     """
-    from agglo_core.compiled.curve_keys import curve_keys, sort_keys, sort_ties
+    from agglo_core.compiled.curve_keys import bounding_cube, curve_keys, sort_keys, sort_ties
 
     n, d = points.shape
     number_bits = max(1, (n - 1).bit_length())
     bits = min(_BITS[d], (64 - number_bits) // 6 * 6 // d)
     spare, keys, order = np.uint64(64 - d * bits), np.empty(n, np.uint64), np.empty(n, np.uint64)
     points, frame = frozen_float(points), frozen_float(np.eye(d)) if axes is None else axes
-    curve_keys(points, frame, bits, hilbert_table(d), keys)
+    curve = frame, *bounding_cube(points, frame), bits, hilbert_table(d)
+    over_ranges(lambda start, stop: curve_keys(points, start, *curve, keys[start:stop]), n)
     if not sort_keys(keys, np.empty(1 << min(number_bits, d * bits), np.int32), order):
         order = np.sort(keys)
     sort_ties(order, spare, points, frame[:1])

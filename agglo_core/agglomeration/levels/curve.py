@@ -9,10 +9,11 @@ import numpy as np
 from agglo_core.agglomeration.goals import CountGoal, Goal
 from agglo_core.agglomeration.levels.polishing import PostPass
 from agglo_core.agglomeration.run import Run
-from agglo_core.arrays import Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.progress import phase
 from agglo_core.registry.attribution import attributed
+from agglo_core.threads import over_ranges
 
 _ACROSS = 6
 """Fewest parts along each axis of a block. With fewer, the polished runs are less round than polished
@@ -62,15 +63,37 @@ def suits_curve(goal: Goal, graph: Graph, blocks: Int) -> TypeGuard[CountGoal]:
 
 def cut_curve(graph: Graph, blocks: Int, goal: CountGoal, run: Run) -> Int:
     """Divide each block into connected runs of about equal mass, and return the labels ``(n,)``."""
-    from agglo_core.agglomeration.levels.curve_kernels import connected_runs
     from agglo_core.compiled.graphs import list_blocks
 
     with run.statistics.timed("runs"), phase(run.progress, "cutting the curve"):
         quotas = level_quotas(graph, blocks, goal)
         cells, offsets = list_blocks(blocks, frozen_int(np.arange(len(quotas))), len(quotas))
-        csr = graph.indptr, graph.indices, graph.interface
-        labels = connected_runs(*csr, graph.mass, cells, offsets, quotas)
+        labels = connected_runs(graph, graph.mass, cells, offsets, quotas)
     if labels.min(initial=0) < 0:
         raise AssertionError("a block is disconnected")
     run.statistics.curve_levels += 1
-    return frozen_int(labels)
+    return labels
+
+
+def connected_runs(graph: Graph, mass: Float, cells: Index, offsets: Int, quotas: Int) -> Int:
+    """Divide each connected block into connected parts along the curve, and return the labels ``(n,)``.
+
+    Block b consists of ``cells[offsets[b]:offsets[b + 1]]``, in the order of the curve and of increasing
+    numbers. Its ``quotas[b]`` parts start as runs of about equal ``mass (n,)``. Each keeps its largest
+    component, and the other cells join an adjacent part.
+    """
+    from agglo_core.agglomeration.levels.curve_kernels import cut_runs, join_strays, list_strays
+
+    parts, starts = cut_runs(mass, cells, offsets, quotas)
+    open_parts = parts.copy()
+
+    def strays_of(start: int, stop: int) -> Index:
+        found: Index = list_strays(
+            graph.indptr, graph.indices, cells, starts[start : stop + 1], parts, open_parts
+        )
+        return found
+
+    strays = over_ranges(strays_of, len(starts) - 1, shares=1, work=graph.n)
+    owner = np.repeat(np.arange(len(quotas)), quotas)
+    join_strays(graph.indptr, graph.indices, graph.interface, parts, np.concatenate(strays), owner)
+    return frozen_int(parts)

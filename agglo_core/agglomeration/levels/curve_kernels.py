@@ -37,47 +37,81 @@ def stretched_cells(indptr, indices, centroids, measures, step):
     return count
 
 
-@helper
-def _keep_largest(indptr, indices, run, parts, open_parts, nodes, strays, n_strays):
-    """Keep the largest component of the cells in a ``run``, and list the other cells as strays.
+@kernel
+def cut_runs(mass, cells, offsets, quotas):
+    """Divide each block into runs of about equal mass, and return the labels ``(n,)`` and run starts.
 
-    Strays have part −1. Returns the new number of strays. ``open_parts (n,)`` are the parts of cells without
-    component, −1 for other cells, and ``nodes (n + 1,)`` is workspace.
+    Block b consists of ``cells[offsets[b]:offsets[b + 1]]``, in the order of the curve and of increasing
+    numbers, and has ``quotas[b]`` runs. The starts ``(k + 1,)`` are places in this list.
     """
-    # 1. Components, in the order of their first cells.
-    filled, first, size = np.int64(0), np.int64(0), np.int64(0)
-    for i in run:
-        if open_parts[i] >= 0:
-            start = filled
-            filled = flood(np.int64(i), indptr, indices, open_parts, nodes, start)
-            if filled - start > size:
-                first, size = start, filled - start
-            if filled == len(run):
-                break
-    if size == len(run):
-        return n_strays
-    # 2. Cells outside the largest component.
-    part = parts[run[0]]
-    for i in run:
-        parts[i] = -1
-    for c in range(first, first + size):
-        parts[np.uint32(nodes[c])] = part
-    for i in run:
-        strays[n_strays] = i
-        n_strays += parts[i] < 0
-    return n_strays
+    parts, starts, first = np.empty(len(cells), np.int32), np.empty(quotas.sum() + 1, np.int64), np.int64(0)
+    starts[-1] = len(cells)
+    for b in range(len(quotas)):
+        lo, hi, k, total, below, part = offsets[b], offsets[b + 1], quotas[b], 0.0, 0.0, first
+        for c in range(lo, hi):
+            total += mass[cells[c]]
+        # The run of a cell follows from the mass before its middle, or its place without mass. The next run
+        # begins at most once per cell, and early enough that every run has a cell.
+        starts[first] = lo
+        for c in range(lo, hi):
+            i = np.uint32(cells[c])
+            middle = (below + 0.5 * mass[i]) / total if total > 0.0 else (c - lo + 0.5) / (hi - lo)
+            below += mass[i]
+            if max(np.int64(middle * k), k - (hi - c)) > part - first and c > starts[part]:
+                part += 1
+                starts[part] = c
+            parts[i] = part
+        first += k
+    return parts, starts
+
+
+@kernel
+def list_strays(indptr, indices, cells, starts, parts, open_parts):
+    """Keep the largest component of each run, and return the other cells.
+
+    Run r consists of ``cells[starts[r]:starts[r + 1]]``. The other cells receive the label −1 − part in
+    ``parts (n,)``. ``open_parts``, equal to ``parts`` at entry, is workspace.
+    """
+    n_strays, last = np.uint64(0), len(starts) - 1
+    strays = np.empty(starts[last] - starts[0] + 1, np.int32)
+    nodes = np.empty(len(strays), np.int32)
+    for r in range(last):
+        # 1. Components, in the order of their first cells.
+        start, stop = np.uint64(starts[r]), np.uint64(starts[r + 1])
+        filled, first, size, count = np.int64(0), np.int64(0), np.int64(0), np.int64(stop - start)
+        for c in range(start, stop):
+            i = np.uint32(cells[c])
+            if open_parts[i] >= 0:
+                before = filled
+                filled = flood(np.int64(i), indptr, indices, open_parts, nodes, before)
+                if filled - before > size:
+                    first, size = before, filled - before
+                if filled == count:
+                    break
+        if size == count:
+            continue
+        # 2. Cells outside the largest component.
+        part = parts[np.uint32(cells[start])]
+        for c in range(start, stop):
+            parts[np.uint32(cells[c])] = -1 - part
+        for c in range(first, first + size):
+            parts[np.uint32(nodes[c])] = part
+        for c in range(start, stop):
+            strays[n_strays] = cells[c]
+            n_strays += np.uint64(parts[np.uint32(cells[c])] < 0)
+    return strays[:n_strays]
 
 
 @helper
-def _best_part(indptr, indices, interface, parts, size, i, first, last):
-    """Return the part of ``first`` to ``last − 1`` with most interface per cell to cell i, or −1 without one.
+def _best_part(indptr, indices, interface, parts, size, i, owner):
+    """Return the part in the block of cell i with most interface per cell to it, or −1 without one.
 
     The division by the number of cells evens the sizes.
     """
-    best, most = np.int64(-1), 0.0
+    best, most, home = np.int64(-1), 0.0, owner[-1 - parts[i]]
     for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
         p = np.int64(parts[np.uint32(indices[h])])
-        if first <= p < last:
+        if p >= 0 and owner[p] == home:
             share = interface[h] / size[p]
             if best < 0 or share > most * (1.0 + _TIE) or (share >= most * (1.0 - _TIE) and p < best):
                 best, most = p, share
@@ -85,55 +119,24 @@ def _best_part(indptr, indices, interface, parts, size, i, first, last):
 
 
 @kernel
-def connected_runs(indptr, indices, interface, mass, cells, offsets, quotas):
-    """Divide each connected block into connected parts along the curve, and return the labels ``(n,)``.
+def join_strays(indptr, indices, interface, parts, strays, owner):
+    """Add each stray to an adjacent part of its block, in rounds from the parts outward.
 
-    Block b consists of ``cells[offsets[b]:offsets[b + 1]]``, in the order of the curve and of increasing
-    numbers. Its ``quotas[b]`` parts start as runs of about equal mass. Each keeps its largest component, and
-    the other cells join an adjacent part.
+    ``owner (k,)`` is the block of each part. Strays are left if a block is disconnected.
     """
-    n, first = len(cells), np.int64(0)
-    parts, open_parts, nodes = np.full(n, -1, np.int32), np.full(n, -1, np.int32), np.empty(n + 1, np.int32)
-    strays, size, starts = (
-        np.empty(n + 1, np.int32),
-        np.zeros(quotas.sum()),
-        np.empty(quotas.max() + 1, np.int64),
-    )
-    for b in range(len(quotas)):
-        lo, hi, k, n_strays = offsets[b], offsets[b + 1], quotas[b], np.int64(0)
-        total, below, part = 0.0, 0.0, np.int64(0)
-        for c in range(lo, hi):
-            total += mass[cells[c]]
-        # 1. The run of a cell follows from the mass before its middle, or its place without mass. The next
-        #    run begins at most once per cell, and early enough that every run has a cell.
-        starts[0], starts[k] = lo, hi
-        for c in range(lo, hi):
-            i = np.int64(cells[c])
-            middle = (below + 0.5 * mass[i]) / total if total > 0.0 else (c - lo + 0.5) / (hi - lo)
-            below += mass[i]
-            if max(np.int64(middle * k), k - (hi - c)) > part and c > starts[part]:
-                part += 1
-                starts[part] = c
-            parts[i] = open_parts[i] = first + part
-        # 2. Each run keeps its largest component, and the other cells become strays.
-        for p in range(k):
-            run = cells[starts[p] : starts[p + 1]]
-            n_strays = _keep_largest(indptr, indices, run, parts, open_parts, nodes, strays, n_strays)
-        # 3. Strays join an adjacent part, in rounds from the parts outward.
-        for c in range(lo, hi if n_strays > 0 else lo):
-            if parts[cells[c]] >= 0:
-                size[parts[cells[c]]] += 1.0
-        while n_strays > 0:
-            left = np.int64(0)
-            for c in range(n_strays):
-                i = np.int64(strays[c])
-                p = _best_part(indptr, indices, interface, parts, size, i, first, first + k)
-                if p >= 0:
-                    size[p] += 1.0
-                parts[i], strays[left] = p, i
-                left += p < 0
-            if left == n_strays:
-                break  # the block is disconnected: the caller raises an error
-            n_strays = left
-        first += k
-    return parts
+    size, count = np.zeros(len(owner)), np.int64(len(strays))
+    for part in parts:
+        size[max(part, 0)] += np.float64(part >= 0)
+    while count > 0:
+        left = np.int64(0)
+        for c in range(count):
+            i = np.int64(strays[c])
+            p = _best_part(indptr, indices, interface, parts, size, i, owner)
+            if p >= 0:
+                size[p] += 1.0
+                parts[i] = p
+            strays[left] = i
+            left += p < 0
+        if left == count:
+            break
+        count = left

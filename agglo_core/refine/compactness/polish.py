@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.refine.compactness.strips import slices, strip_order
-from agglo_core.threads import mapped, thread_count
+from agglo_core.threads import mapped, over_ranges, thread_count
 
 _ROUNDS = {2: (0.5, 0.0, 2.5), 3: (3.0, 0.5, 3.0, 1.5)}
 """Exponents of the interface in the rounds, relative to that of the objective.
@@ -84,7 +84,7 @@ def _sweep_in_parallel(
     cells: Any, state: Any, by_turns: Any, exponents: Float, sweep_args: tuple[Any, ...]
 ) -> None:
     """Run the sweeps of ``sweep_all`` in several threads, each on some of the slices."""
-    from agglo_core.refine.compactness.state import SWEEPS, list_due_cells
+    from agglo_core.refine.compactness.state import SWEEPS, list_due_cells, mark_boundary_cells
     from agglo_core.refine.compactness.sweeps import sweep_slices
 
     threads, n_listed = thread_count(), 0
@@ -92,6 +92,9 @@ def _sweep_in_parallel(
     for sweep in range(len(exponents) * SWEEPS):
         alpha, begins = exponents[sweep // SWEEPS], sweep % SWEEPS == 0
         slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
+        if begins and sweep > 0:  # in the first round they are marked already
+            mark = partial(mark_boundary_cells, cells, state, sweep)
+            over_ranges(mark, len(state.parts))
         if begins or n_listed:
             n_listed = list_due_cells(cells, state, work[0], sweep, begins, before, alpha)
         if n_listed == 0:

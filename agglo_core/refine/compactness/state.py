@@ -215,11 +215,11 @@ def interface_cells(cells, parts, tally, block, count):
     return blocks, due
 
 
-@helper
-def _mark_boundary_cells(cells, state, sweep):
-    """Make all cells adjacent to another part of their block due in this sweep, and clear the marks."""
+@kernel(allocates=False)
+def mark_boundary_cells(cells, state, sweep, start, stop):
+    """Make the cells from ``start`` adjacent to another part of their block due, and clear the marks."""
     several = len(state.blocks) > 1
-    for i in range(np.uint64(len(state.parts))):
+    for i in range(np.uint64(start), np.uint64(stop)):
         home, is_adjacent = np.uint32(state.parts[i]), np.int64(0)
         for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
             p = np.uint32(state.parts[np.uint32(cells.indices[h])])
@@ -262,9 +262,9 @@ def list_due_cells(cells, state, work, sweep, begins, before, alpha):
     """List the cells to visit in this sweep, sorted by part, and return their number, or 0.
 
     The cells of part p begin at ``first[p]``, so the cells of a slice are a range in the list. The gains of
-    the last sweep, over the slices ``before``, are added to ``blocks``. If a round ``begins``, all boundary
-    cells are due. A round ends in a block after a sweep with little gain, or when few cells are due. The
-    number is 0 if it has ended in all blocks.
+    the last sweep, over the slices ``before``, are added to ``blocks``. When a round ``begins``, all boundary
+    cells must be marked. A round ends in a block after a sweep with little gain, or when few cells are due.
+    The number is 0 if it has ended in all blocks.
     """
     # 1. Sum the slice gains by block, and clear them.
     for s in range(len(before.rows)):
@@ -281,9 +281,7 @@ def list_due_cells(cells, state, work, sweep, begins, before, alpha):
         for a in range(2):
             state.blocks[b, a] += state.gains[b, a]
             state.gains[b, a] = 0.0
-    # 3. List the due cells. In the first sweep they are marked already.
-    if begins and sweep > 0:
-        _mark_boundary_cells(cells, state, sweep)
+    # 3. List the due cells.
     count = _sort_by_part(state, work, sweep)
     # 4. End the round in blocks with few due cells.
     for r in range(len(state.block)):

@@ -26,6 +26,7 @@ from agglo_core.refine.compactness.state import (
     ROOM,
     SWEEPS,
     list_due_cells,
+    mark_boundary_cells,
 )
 
 _TIE = 1e-9  # relative to the terms of a change, for rounding; ties go to the lower part number
@@ -313,6 +314,8 @@ def sweep_all(cells, state, work, even, odd, exponents, limit, reach, corners):
         alpha, begin = exponents[r], r * SWEEPS
         for sweep in range(begin, begin + SWEEPS):
             slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
+            if sweep == begin > 0:  # in the first round they are marked already
+                mark_boundary_cells(cells, state, sweep, 0, len(state.parts))
             if list_due_cells(cells, state, work, sweep, sweep == begin, before, alpha) == 0:
                 break
             _visit_slices(

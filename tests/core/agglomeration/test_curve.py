@@ -11,11 +11,13 @@ from hypothesis import given, settings, strategies as st
 
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, OptionError, samples
-from agglo_core.agglomeration.levels.curve_kernels import connected_runs, stretched_cells
+from agglo_core.agglomeration.levels.curve import connected_runs
+from agglo_core.agglomeration.levels.curve_kernels import stretched_cells
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.compiled.graphs import list_blocks
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.graph.ordering import curve_order
+from agglo_core.threads import using_threads
 
 SEEDS = st.integers(0, 10**6)
 
@@ -66,16 +68,22 @@ def slow_runs(
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.sampled_from(GRAPHS), SEEDS, st.integers(1, 20), st.sampled_from(["cells", "masses", "none"]))
-def test_runs_are_those_of_the_twin(graph: Graph, seed: int, k: int, masses: str) -> None:
+@given(
+    st.sampled_from(GRAPHS),
+    SEEDS,
+    st.integers(1, 20),
+    st.sampled_from(["cells", "masses", "none"]),
+    st.sampled_from([1, 2]),
+)
+def test_runs_are_those_of_the_twin(graph: Graph, seed: int, k: int, masses: str, threads: int) -> None:
     rng = np.random.default_rng(seed)
     mass = {"cells": np.ones(graph.n), "masses": rng.random(graph.n) ** 6, "none": np.zeros(graph.n)}[masses]
     blocks = graph.components(graph.centroids[:, 0] > 0.5)
     count = int(blocks.max()) + 1
     quotas = frozen_int(np.minimum(rng.integers(1, k + 1, count), np.bincount(blocks)))
     cells, offsets = list_blocks(blocks, frozen_int(np.arange(count)), count)
-    csr = graph.indptr, graph.indices, graph.interface
-    found = connected_runs(*csr, frozen_float(mass), cells, offsets, quotas)
+    with using_threads(threads, few=1):
+        found = connected_runs(graph, frozen_float(mass), cells, offsets, quotas)
     wanted, first = np.full(graph.n, -1), 0
     for b in range(count):
         slow_runs(graph, mass, cells[offsets[b] : offsets[b + 1]].tolist(), int(quotas[b]), first, wanted)
