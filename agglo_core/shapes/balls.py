@@ -1,4 +1,4 @@
-"""Largest inscribed balls of 3-D agglomerates: best-first branch and bound over boxes.
+"""Largest inscribed balls of 3-D agglomerates: depth-first branch and bound over boxes.
 
 Cavities, loose parts and pinched edges need no special case. Coordinates are relative to the agglomerate's
 centroid and along its principal axes, so that boxes around flat agglomerates are flat.
@@ -11,20 +11,20 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
-from agglo_core.shapes.box_heap import WIDTH, pop, push
 from agglo_core.shapes.inscribed_3d import (
     BLOCK,
     LANES,
     VALUES,
+    add_at_corners,
     ball_in_box,
     convex_solid,
-    distance_to,
     gather_triangles,
     inside_triangles,
     linearise_triangles,
     lower_planes,
     lowest_plane,
     nearest_triangle,
+    on_inner_side,
     shorter_list,
 )
 from agglo_core.shapes.solid_triangles import most_triangles, surface
@@ -39,7 +39,12 @@ _FINEST = 1e-9  # relative to the diameter: smallest gain searched for, and radi
 _CONVEX = 64  # number of triangles up to which convexity is tested, in quadratic time
 _LARGE = 0.4  # half diagonal of a box over the best radius, above which planes are tried only if thin
 _THIN = 2.2  # ratio of the longest to the shortest box side, above which planes are tried at any size
-_LISTED = 6  # number of triangle blocks up to which lists are not copied (benchmarks/constants.py)
+_LISTED = 4  # number of triangle blocks up to which lists are not copied (benchmarks/constants.py)
+
+# Boxes wait on a stack, one per row: an upper bound of the radii in the box, the centre x, y, z, three half
+# sides, 1 if the whole box is inside (0 if unknown), the block range of its list, and the end of all lists up
+# to here. Each halving adds one row, and boxes halve at most 31 times along each axis until they are _FINEST.
+_WIDTH, _ROWS = 11, 256
 
 
 @helper
@@ -85,29 +90,20 @@ def _polish_ball(solid, at, radius, sides, centre, some, weight, inverse, row):
 
 
 @helper
-def _average(table, some, weight, x, y, z):
-    """Return the weighted average Σ λ_i d_i of the distances from a point to up to four triangles."""
-    average = 0.0
+def _highest_average(table, some, weight, x, y, z, sides, sums):
+    """Return the maximum of a weighted average Σ λ_i d_i of distances over a box: a bound on ball radii.
+
+    The average of the distances from up to four triangles is convex, hence maximal at a corner. ``sums (8,)``
+    is workspace.
+    """
+    for k in range(8):
+        sums[k] = 0.0
     for n in range(4):
         if weight[n] > 0.0:
-            average += weight[n] * distance_to(table, some[n], x, y, z)
-    return average
-
-
-@helper
-def _highest_average(table, some, weight, x, y, z, sides, enough):
-    """Return the maximum of a weighted average of distances over a box: a bound on ball radii.
-
-    Infinite, without further work, if the average exceeds ``enough`` at the centre. The average is convex,
-    hence maximal at a corner.
-    """
-    if _average(table, some, weight, x, y, z) > enough:
-        return np.inf
+            add_at_corners(table, some[n], weight[n], x, y, z, sides, sums)
     most = 0.0
-    for corner in range(8):
-        sx, sy = sides[0] if corner & 1 else -sides[0], sides[1] if corner & 2 else -sides[1]
-        sz = sides[2] if corner & 4 else -sides[2]
-        most = max(most, _average(table, some, weight, x + sx, y + sy, z + sz))
+    for k in range(8):
+        most = max(most, sums[k])
     return most
 
 
@@ -123,16 +119,16 @@ def _box_around_all(corners, m, low, sides):
 
 
 @helper(allocates=True)
-def _largest_ball(corners, table, m, blocks, diameter, best, heap):
-    """Return the radius of the largest inscribed ball with any centre, by best-first branch and bound.
+def _largest_ball(corners, table, m, blocks, diameter, best, stack):
+    """Return the radius of the largest inscribed ball with any centre, by depth-first branch and bound.
 
-    Also returns table and heap for reuse. ``best`` is the radius about the origin, 0 if the origin is
-    outside. See :func:`balls` for the bounds. The columns of boxes follow :mod:`agglo_core.shapes.box_heap`,
-    and their lists are block ranges in the table.
+    Also returns the table for reuse. ``best`` is the radius about the origin, 0 if the origin is outside. See
+    :func:`balls` for the bounds. ``stack`` is workspace.
     """
     at, centre, sides, cube = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     some, weight, contacts, share = np.zeros(4, np.int64), np.zeros(4), np.zeros(4, np.int64), np.zeros(4)
-    inverse, row, box = np.zeros((4, 4)), np.zeros(4), np.zeros((1, WIDTH))
+    inverse, row, sums = np.zeros((4, 4)), np.zeros(4), np.zeros(8)
+    nearest, only = np.zeros(4, np.int64), np.array([1.0, 0.0, 0.0, 0.0])
     none = np.int64(0)
     # 1. Convex solid: distances are distances to planes, and one linear program finds the maximum. Its box
     #    extends a diameter from the centroid in all directions, so it never binds.
@@ -141,7 +137,7 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
         best = ball_in_box(
             table, none, blocks, none, sides, 0.0, 1e-15 * diameter, centre, some, weight, inverse, row
         )
-        return best, table, heap
+        return best, table
     # 2. Initial ball: the ball about the origin, moved to a nearby maximum. The triangles that touch it and
     #    their λ, in ``contacts`` and ``share``, give a bound below. ``polished`` is their radius.
     polished = 0.0
@@ -150,22 +146,21 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
             (corners, table, m, blocks), at, best, cube, centre, contacts, share, inverse, row
         )
         polished = best
-    # 3. Root: the box around all triangles, with all blocks in its list.
+    # 3. Root: the centres of larger balls are at least ``best`` inside the box around all triangles. Its list
+    #    has all blocks.
     _box_around_all(corners, m, centre, sides)
-    box[0, 0], box[0, 1], box[0, 2], box[0, 3] = np.inf, centre[0], centre[1], centre[2]
-    box[0, 4], box[0, 5], box[0, 6], box[0, 7] = sides[0], sides[1], sides[2], 0.0
-    box[0, 8], box[0, 9] = 0.0, blocks
+    x0, y0, z0 = centre[0], centre[1], centre[2]
+    for k in range(3):
+        sides[k] = max(sides[k] - best, 0.0)
+    start, stop, sure = none, blocks, False
     size, top, parts, opened, accuracy, tiny = none, blocks, 1, 0, _ACCURACY, _FINEST * diameter
     while True:
         # 4. Halve the open box across its longest side; the root is processed as a whole. R, half the
         #    diagonal, is ``reach``.
-        x0, y0, z0 = box[0, 1], box[0, 2], box[0, 3]
-        sides[0], sides[1], sides[2], sure = box[0, 4], box[0, 5], box[0, 6], box[0, 7] > 0.0
-        start, stop = np.int64(box[0, 8]), np.int64(box[0, 9])
         axis = 0 if sides[0] >= max(sides[1], sides[2]) else (1 if sides[1] >= sides[2] else 2)
         if parts == 2:
             sides[axis] *= 0.5
-        reach = np.sqrt(sides[0] * sides[0] + sides[1] * sides[1] + sides[2] * sides[2])
+        reach, pushed = np.sqrt(sides[0] * sides[0] + sides[1] * sides[1] + sides[2] * sides[2]), 0
         for part in range(parts):
             shift = (2 * part - 1) * sides[axis] * (parts - 1)
             x, y, z = x0 + (axis == 0) * shift, y0 + (axis == 1) * shift, z0 + (axis == 2) * shift
@@ -176,9 +171,11 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
                 accuracy *= 2.0
                 tiny *= 10.0 if best <= tiny else 1.0
             enough = best * (1.0 + accuracy) + tiny
-            # 5. The bound d + R needs only the nearest triangle: drop the box before more expensive tests.
-            d = np.sqrt(table[nearest_triangle(table, start, stop, x, y, z) + VALUES])
-            if d + reach <= enough:
+            # 5. The bounds d + R, and by the triangle nearest to the centre: drop the box before more
+            #    expensive tests.
+            nearest[0] = nearest_triangle(table, start, stop, x, y, z)
+            d = np.sqrt(table[nearest[0] + VALUES])
+            if d + reach <= enough or _highest_average(table, nearest, only, x, y, z, sides, sums) <= enough:
                 continue
             # 6. Keep only triangles within d + 2R of the centre; no other triangle is nearest anywhere in the
             #    box. The copy lies above all lists in use, and is overwritten unless the box is pushed.
@@ -186,23 +183,23 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
             if stop - start > _LISTED:
                 limit = (d + 2.0 * reach) ** 2 * (1.0 + 1e-9)
                 table, first, last = shorter_list(table, start, stop, limit, top)
-            # 7. The bound R - d for an outside centre. If a box lies completely inside, as d > R, its halves
-            #    need no inside test.
-            inside = sure or inside_triangles(corners, table, m, x, y, z)
-            if not inside and reach - d <= enough:
-                continue
-            whole = inside and d > reach
+            # 7. A larger radius needs a certain test. The bound R - d is for an outside centre. If a box lies
+            #    completely inside, as d > R, its halves need no test.
+            inside = sure or on_inner_side(table, nearest[0], x, y, z)
+            if not inside or d > best:
+                inside = inside_triangles(corners, table, m, x, y, z)
             if inside and d > best:
                 best, at[0], at[1], at[2] = d, x, y, z
+            if not inside and reach - d <= enough:
+                continue
             bound = d + reach if inside else reach - d
             # 8. Bounds by averages Σ λ_i d_i; they only pay in boxes that are small relative to the ball, or
             #    thin.
             longest = max(sides[0], max(sides[1], sides[2]))
             if reach <= _LARGE * best or longest > _THIN * min(sides[0], min(sides[1], sides[2])):
                 # 8a. With the triangles that touch the best ball so far.
-                if (
-                    polished > 0.0
-                    and _highest_average(table, contacts, share, x, y, z, sides, enough) <= enough
+                if polished > 0.0 and (
+                    _highest_average(table, contacts, share, x, y, z, sides, sums) <= enough
                 ):
                     continue
                 # 8b. With the λ of the linear program over planes above all distances. If the bound does not
@@ -214,12 +211,14 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
                         table, first, last, lowest_plane(table, first, last, 0.0, 0.0, 0.0), sides, enough,
                         1e-3 * enough, centre, some, weight, inverse, row,
                     )  # fmt: skip
-                    if most <= enough or not lower_planes(table, blocks, some, weight, x, y, z, sides):
+                    if most <= enough or not lower_planes(
+                        table, first, last, d + reach, some, weight, x, y, z, sides
+                    ):
                         break
                 if most <= enough:
                     continue
                 # The plane bound may be loose where the average of the true distances is tight.
-                bound = min(bound, min(most, _highest_average(table, some, weight, x, y, z, sides, enough)))
+                bound = min(bound, min(most, _highest_average(table, some, weight, x, y, z, sides, sums)))
                 if bound <= enough:
                     continue
                 # 9. The maximiser of the program is a promising centre: compare with the list, then with all
@@ -234,24 +233,39 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
                 solid = corners, table, m, blocks
                 best = _polish_ball(solid, at, best, cube, centre, contacts, share, inverse, row)
                 polished = best
-            # 11. Push the box with its bound, its list, and whether it lies completely inside.
-            box[0, 0], box[0, 1], box[0, 2], box[0, 3] = bound, x, y, z
-            box[0, 4], box[0, 5], box[0, 6] = sides[0], sides[1], sides[2]
-            box[0, 7], box[0, 8], box[0, 9] = 1.0 if whole else 0.0, first, last
-            heap = push(heap, size, box)
-            size += 1
+            # 11. Push the box.
             top = max(top, last)
-        # 12. Stop when no open box can contain a ball that is larger by more than the accuracy.
-        if size == 0 or heap[0, 0] <= best * (1.0 + accuracy) + tiny:
+            stack[size, 0], stack[size, 1], stack[size, 2], stack[size, 3] = bound, x, y, z
+            stack[size, 4], stack[size, 5], stack[size, 6] = sides[0], sides[1], sides[2]
+            stack[size, 7] = 1.0 if inside and d > reach else 0.0
+            stack[size, 8], stack[size, 9], stack[size, 10] = first, last, top
+            size += 1
+            pushed += 1
+        # 12. The half with the larger bound is opened first.
+        if pushed == 2 and stack[size - 1, 0] < stack[size - 2, 0]:
+            for k in range(_WIDTH):
+                stack[size - 1, k], stack[size - 2, k] = stack[size - 2, k], stack[size - 1, k]
+            stack[size - 1, 10] = top
+        # 13. Open the last box that can contain a larger ball, or stop.
+        while size > 0 and stack[size - 1, 0] <= best * (1.0 + accuracy) + tiny:
+            size -= 1
+        if size == 0:
             break
-        pop(heap, size, box)
         size -= 1
+        x0, y0, z0 = stack[size, 1], stack[size, 2], stack[size, 3]
+        sides[0], sides[1], sides[2], sure = (
+            stack[size, 4],
+            stack[size, 5],
+            stack[size, 6],
+            stack[size, 7] > 0.0,
+        )
+        start, stop, top = np.int64(stack[size, 8]), np.int64(stack[size, 9]), np.int64(stack[size, 10])
         parts = 2
     if best > polished:
         best = _polish_ball(
             (corners, table, m, blocks), at, best, cube, centre, contacts, share, inverse, row
         )
-    return best, table, heap
+    return best, table
 
 
 @kernel
@@ -262,7 +276,7 @@ def balls(points, first, offsets, faces, face_cells, starts, triangles, centroid
     numbered ``starts[f]:starts[f + 1]``. About a centroid outside the agglomerate the radius is 0.
 
     Anywhere: in a convex solid with few triangles a linear program gives the radius. Otherwise boxes are
-    halved, best bound first, until no bound exceeds the best radius by a fraction of 1e-3. Newton steps make
+    halved until no bound exceeds the best radius by a fraction of 1e-3. Newton steps make
     each radius exact where four triangles touch the ball. If 20,000 boxes do not suffice, as in plates fifty
     times as wide as thick, the fraction is doubled, and again after as many more. If no ball with radius 1e-9
     diameters was found by then, the least gain, initially as small, also increases tenfold, so that the
@@ -270,15 +284,16 @@ def balls(points, first, offsets, faces, face_cells, starts, triangles, centroid
 
     Let c be the centre of a box, R half its diagonal and d the distance from c to the surface. No radius in
     the box exceeds d + R, nor the maximum of Σ λ_i d_i in the box, with distances d_i to any triangles, λ >=
-    0, Σ λ = 1. Two choices are tried: the triangles that touch the best ball so far, which discard boxes
-    around it early, and the best λ for planes above the distances. Outside, no radius exceeds R - d. If d >
-    R, the whole box is on the side of its centre. Only triangles within d + 2R of c can be nearest to a point
-    in the box, and only these are passed to its halves.
+    0, Σ λ = 1. Three choices are tried: the triangle nearest to c, the triangles that touch the best ball so
+    far, which discard boxes around it early, and the best λ for planes above the distances. Outside, no
+    radius exceeds R - d. If d > R, the whole box is on the side of its centre. Only triangles within d + 2R
+    of c can be nearest to a point in the box, and only these are passed to its halves. The search begins with
+    the box around the agglomerate, less the best radius on each side.
     """
     n, most = len(offsets) - 1, most_triangles(offsets, faces, starts)
     triples, moments, axes = np.empty((most, 3), np.int64), np.empty((3, 3)), np.empty((3, 3))
     corners, table = np.empty((most, 9)), np.empty((2 * most // LANES + 2) * BLOCK)
-    heap, centre = np.empty((256, WIDTH)), np.empty(3)
+    stack, centre = np.empty((_ROWS, _WIDTH)), np.empty(3)
     radius = np.zeros(n)
     for c in range(n):
         # 1. Table of the triangles in principal axes.
@@ -290,5 +305,5 @@ def balls(points, first, offsets, faces, face_cells, starts, triangles, centroid
         radius[c] = max(_radius_at((corners, table, m, blocks), 0.0, 0.0, 0.0), 0.0)
         if anywhere:
             known, width = radius[c], diameters[first + c]
-            radius[c], table, heap = _largest_ball(corners, table, m, blocks, width, known, heap)
+            radius[c], table = _largest_ball(corners, table, m, blocks, width, known, stack)
     return radius

@@ -173,23 +173,35 @@ def _own_place(table, i, x, y, z):
 
 @helper(inline=True)
 def _apart(table, i, s, t):
+    """Return the in-plane vector to a point from the triangle at offset i, and the distance to its sides.
+
+    See :func:`_beyond`.
+    """
+    return _beyond(
+        table[i + ROW[12]], table[i + ROW[13]], table[i + ROW[14]], table[i + ROW[15]], table[i + ROW[16]],
+        table[i + ROW[17]], table[i + ROW[18]], s, t,
+    )  # fmt: skip
+
+
+@helper(inline=True)
+def _beyond(length, cx, cy, per_ac_square, per_bc_square, per_ac, per_bc, s, t):
     """Return the in-plane vector from the nearest triangle point, and the distance to the side lines.
 
-    The point has coordinates (s, t) in the triangle frame. The vector is 0 inside. The distance is the
-    minimum over the side lines, negative outside. Without branches, for vector registers.
+    The point has coordinates (s, t) in the triangle frame, and the other numbers are rows 12 to 18 of the
+    table. The vector is 0 inside. The distance is the minimum over the side lines, negative outside. Without
+    branches, for vector registers.
     """
     # 1. Distances to the lines ab, ac and bc, positive inside: cross products over lengths.
-    length, cx, cy = table[i + ROW[12]], table[i + ROW[13]], table[i + ROW[14]]
     p, ex = s - length, cx - length
     two, three = s * cy - t * cx, t * ex - p * cy
-    margin = min(t, min(two * table[i + ROW[17]], three * table[i + ROW[18]]))
+    margin = min(t, min(two * per_ac, three * per_bc))
     # 2. The shortest of the vectors from the nearest points on ab, ac and bc.
     ds, dt = s - min(max(s, 0.0), length), t
-    k = min(max((s * cx + t * cy) * table[i + ROW[15]], 0.0), 1.0)
+    k = min(max((s * cx + t * cy) * per_ac_square, 0.0), 1.0)
     qs, qt = s - k * cx, t - k * cy
     is_nearer = qs * qs + qt * qt < ds * ds + dt * dt
     ds, dt = qs if is_nearer else ds, qt if is_nearer else dt
-    k = min(max((p * ex + t * cy) * table[i + ROW[16]], 0.0), 1.0)
+    k = min(max((p * ex + t * cy) * per_bc_square, 0.0), 1.0)
     qs, qt = p - k * ex, t - k * cy
     is_nearer = qs * qs + qt * qt < ds * ds + dt * dt
     ds, dt = qs if is_nearer else ds, qt if is_nearer else dt
@@ -198,12 +210,48 @@ def _apart(table, i, s, t):
 
 
 @helper
-def distance_to(table, i, x, y, z):
-    """Return the distance from a point to the triangle at offset i of the table."""
+def add_at_corners(table, i, weight, x, y, z, sides, sums):
+    """Add the weighted distances of box corners from the triangle at offset i of the table to ``sums (8,)``.
+
+    The box has the centre (x, y, z) and the half sides ``sides``.
+    """
+    # 1. Centre and half sides in the triangle's frame. All numbers are read before the loop, because the
+    #    compiler cannot exclude that ``sums`` overlaps the table.
     i = np.uint64(i)
     s, t, h = _own_place(table, i, x, y, z)
-    ds, dt, _ = _apart(table, i, s, t)
-    return np.sqrt(ds * ds + dt * dt + h * h)
+    sx, tx, hx = table[i] * sides[0], table[i + ROW[3]] * sides[0], table[i + ROW[6]] * sides[0]
+    sy, ty, hy = table[i + ROW[1]] * sides[1], table[i + ROW[4]] * sides[1], table[i + ROW[7]] * sides[1]
+    sz, tz, hz = table[i + ROW[2]] * sides[2], table[i + ROW[5]] * sides[2], table[i + ROW[8]] * sides[2]
+    length, cx, cy = table[i + ROW[12]], table[i + ROW[13]], table[i + ROW[14]]
+    per_ac_square, per_bc_square = table[i + ROW[15]], table[i + ROW[16]]
+    per_ac, per_bc = table[i + ROW[17]], table[i + ROW[18]]
+    # 2. The corners, in vector registers.
+    for corner in range(np.uint64(8)):
+        a = 1.0 if corner & np.uint64(1) else -1.0
+        b = 1.0 if corner & np.uint64(2) else -1.0
+        c = 1.0 if corner & np.uint64(4) else -1.0
+        along, across = s + a * sx + b * sy + c * sz, t + a * tx + b * ty + c * tz
+        height = h + a * hx + b * hy + c * hz
+        ds, dt, _ = _beyond(length, cx, cy, per_ac_square, per_bc_square, per_ac, per_bc, along, across)
+        sums[corner] += weight * np.sqrt(ds * ds + dt * dt + height * height)
+
+
+@helper
+def is_clear(table, start, stop, group, x, y, z, limit):
+    """Return True if the squared distance of a point from all triangles outside a group is at least a limit.
+
+    The triangles are those in the blocks from ``start`` to ``stop``.
+    """
+    for block in range(start, stop):
+        base, near = np.uint64(block * BLOCK), 0
+        for lane in range(np.uint64(LANES)):
+            i = base + np.uint64(lane)
+            s, t, h = _own_place(table, i, x, y, z)
+            ds, dt, _ = _apart(table, i, s, t)
+            near += (ds * ds + dt * dt + h * h < limit) & (table[i + ROW[19]] != group)
+        if near > 0:
+            return False
+    return True
 
 
 @helper
@@ -276,13 +324,14 @@ def linearise_triangles(table, start, stop, x, y, z, sx, sy, sz):
 
 
 @helper
-def lower_planes(table, blocks, some, weight, x, y, z, sides):
+def lower_planes(table, start, stop, most, some, weight, x, y, z, sides):
     """Lower the affine distance bounds of triangles in large flat faces, and return True if any was lowered.
 
     The distance to a triangle may be replaced by the distance to its face's plane if the box, seen along the
     normal, lies on the face: if the face's rim, where triangles in other planes begin, is at least R from the
-    foot of the centre (x, y, z), with R half the diagonal. Only triangles with positive ``weight`` are
-    considered.
+    foot of the centre (x, y, z), with R half the diagonal. Only triangles with positive ``weight`` whose
+    planes are at most ``most`` from the centre are considered. The blocks from ``start`` to ``stop`` contain
+    all triangles at a distance of at most ``most`` + R from the centre.
     """
     changed, reach = False, sides[0] * sides[0] + sides[1] * sides[1] + sides[2] * sides[2]
     for n in range(4):
@@ -296,19 +345,12 @@ def lower_planes(table, blocks, some, weight, x, y, z, sides):
         clearance = abs(h) - abs(nx) * sides[0] - abs(ny) * sides[1] - abs(nz) * sides[2]
         value = abs(h) - min(2.0 * clearance, 0.0)  # also accept a plane that touches the box up to rounding
         margin = _apart(table, np.uint64(i), s, t)[2]
-        if margin < 0.0 or clearance < -1e-9 * abs(h) or table[i + DISTANCE] <= value:
+        if margin < 0.0 or abs(h) > most or clearance < -1e-9 * abs(h) or table[i + DISTANCE] <= value:
             continue
         # 2. All triangles in other planes must be at least R from that foot. (``reach`` is R².)
-        px, py, pz, free = x - h * nx, y - h * ny, z - h * nz, True
-        for block in range(blocks):
-            for lane in range(LANES):
-                j = block * BLOCK + lane
-                if table[j + GROUP] != table[i + GROUP]:
-                    free &= distance_to(table, j, px, py, pz) ** 2 >= reach
-            if not free:
-                break
+        px, py, pz = x - h * nx, y - h * ny, z - h * nz
         # 3. In the whole box, the distance to the face equals the height over the plane.
-        if free:
+        if is_clear(table, start, stop, table[i + GROUP], px, py, pz, reach):
             sign = 1.0 if h >= 0.0 else -1.0
             table[i + DISTANCE], table[i + SLOPE] = value, sign * nx
             table[i + SLOPE + LANES], table[i + SLOPE + 2 * LANES] = sign * ny, sign * nz
@@ -359,13 +401,33 @@ def inside_triangles(corners, table, m, x, y, z):
     return total != 0
 
 
+@helper
+def on_inner_side(table, nearest, x, y, z):
+    """Return True if a point is on the inner side of the triangle nearest to it, above its interior.
+
+    Such a point is inside. Others may be inside, too: above an edge, or at a crack, where the nearest of two
+    coincident triangles is a matter of rounding.
+    """
+    i = np.uint64(nearest)
+    s, t, h = _own_place(table, i, x, y, z)
+    return h < 0.0 and _apart(table, i, s, t)[2] > -1e-6 * h
+
+
 @helper(allocates=True)
 def shorter_list(table, start, stop, limit, top):
     """Copy the triangles at a squared distance of at most ``limit`` to the table blocks from ``top`` on.
 
     The squared distances come from :func:`nearest_triangle`. Returns the table, enlarged if it was full, and
-    the block range of the copies.
+    the block range of the copies. This is the given range, without copies, if more than half of its triangles
+    are that near: copies cost more than they save.
     """
+    count = 0
+    for block in range(start, stop):
+        base = np.uint64(block * BLOCK)
+        for lane in range(np.uint64(LANES)):
+            count += table[base + np.uint64(lane) + ROW[20]] <= limit
+    if 2 * count > (stop - start) * LANES:
+        return table, start, stop
     # 1. Enlarge a full table.
     if len(table) < (top + stop - start) * BLOCK:
         new_table = np.empty(2 * (top + stop - start) * BLOCK)

@@ -163,6 +163,18 @@ def test_triangles_that_enclose_nothing_hold_no_ball(moved: bool) -> None:
     assert found < 1e-12
 
 
+@pytest.mark.parametrize("moved", [False, True])
+def test_cracks_inside_a_part_are_surface_on_both_sides(moved: bool) -> None:
+    """Two coincident faces of opposite orientation: which of them is nearest does not show the side."""
+    walls, square = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 7.0]), np.array([(0, 0), (7, 0), (7, 7), (0, 7)])
+    layers = np.column_stack((walls[:-1], walls[1:]))
+    points = np.array([(x, *yz) for layer in layers for x in layer for yz in square])
+    box = np.array([(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)])
+    mesh = Mesh.from_polyhedra(points, [box + 8 * k for k in range(6)], allow_gaps=True)
+    found, _ = radii(turned(mesh) if moved else mesh, np.zeros(6, int))
+    assert found[0] / (0.01 if moved else 1.0) == pytest.approx(1.0, rel=1e-9)  # in the wide layer
+
+
 # -- oracles ------------------------------------------------------------------------------------
 
 
