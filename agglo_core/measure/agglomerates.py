@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, plain_array
+from agglo_core.arrays import Float, Int, plain_array, trusted_copy
 from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.measure.quality_values import Quality
 from agglo_core.measure.selection import RATIOS, Metric, build_metrics, select
@@ -198,12 +198,13 @@ def measure_levels(
     members = {**selection.metrics, **build_metrics(["components"], registry)}
     better = {name: getattr(metric.tool, "better", "high") for name, metric in selection.metrics.items()}
     levels: list[Level] = []
+    coarse = mesh
     with followed(progress, verbose) as listen, phase(listen, "measuring") as tell:
         for place, (labels, target) in enumerate(zip(hierarchy.levels, hierarchy.targets, strict=True)):
             level_progress = part(tell, place, len(hierarchy.levels), f"level {place}")
             # 2. Coarsen the mesh, or the mesh of the level below if levels are nested.
             nested = place > 0 and hierarchy.nested
-            coarse = levels[-1].mesh.coarsen(hierarchy.parents(place - 1)) if nested else mesh.coarsen(labels)
+            coarse = coarse.coarsen(hierarchy.parents(place - 1)) if nested else mesh.coarsen(labels)
             # 3. Measure the level.
             values = {
                 "cells": np.bincount(labels).astype(float),
@@ -214,7 +215,9 @@ def measure_levels(
             objectives = {
                 objective.name: objective.value(hierarchy.graph, labels) for objective in selection.objectives
             }
-            levels.append(Level(target, labels, coarse, values, names, objectives, better))
+            # 4. Keep the coarse mesh without its caches, which take several times its memory.
+            bare = trusted_copy(coarse)
+            levels.append(Level(target, labels, bare, values, names, objectives, better))
     return levels
 
 

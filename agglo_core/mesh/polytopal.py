@@ -288,7 +288,10 @@ class Mesh(FieldState, Derived, Tagged):
         faces = coarse.offsets, coarse.vertices, coarse.cells
         cell_tags = surviving_tags(self.cell_tags, labels)
         face_tags = {name: values[coarse.kept] for name, values in self.face_tags.items()}
-        return trusted(Mesh, self.points, *faces, cell_tags, face_tags, name=self.name)
+        mesh = trusted(Mesh, self.points, *faces, cell_tags, face_tags, name=self.name)
+        # Outer faces are kept, so both meshes have the same bounding box, and share the local points.
+        mesh.__dict__.update(origin=self.origin, local_points=self.local_points)
+        return mesh
 
     def conforming(self, *, tolerance: float = TOLERANCE, merge_points: bool = True) -> Mesh:
         """Return this mesh with coincident outer faces joined (unchanged if there are none).

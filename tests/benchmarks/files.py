@@ -38,7 +38,7 @@ import numpy as np
 
 from agglo_core import Mesh, agglomerate, read, samples, write
 from agglo_core.arrays import Float, Int
-from agglo_core.authoring import curve_order
+from agglo_core.graph.ordering import curve_order
 from agglo_core.io.vtk.cells import cells_of
 from agglo_core.measure import measure_levels
 
