@@ -64,7 +64,7 @@ def build_polyhedra(
     loop_offsets, vertices = solids.loop_offsets, solids.vertices
     cell_of = frozen_int(np.repeat(cell_numbers, np.diff(solids.cell_offsets)))
     owner, neighbour = _match(cell_of, loop_offsets, vertices, used_points)
-    _refuse_overlaps(cell_of, owner, neighbour, vector * sign[:, None])
+    _refuse_overlaps(cell_of, owner, neighbour, vector, sign)
     keep_offsets, keep_vertices = _take_loops(loop_offsets, vertices, owner, sign[owner] > 0)
     sides = np.stack((cell_of[owner], np.where(neighbour >= 0, cell_of[neighbour], -1)), axis=1)
     if len(cell_numbers) < n:  # renumber the cells and drop the points of removed cells
@@ -185,6 +185,8 @@ def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used_points: Int) -> 
     """
     from agglo_core.mesh.kernels.solid_cells import pair_half_faces
 
+    if len(cell_of) > np.iinfo(np.int32).max:
+        raise MeshError(f"the cells have {len(cell_of)} faces, more than 2^31 - 1")
     partners = pair_half_faces(loop_offsets, vertices, len(used_points))
     owner = np.flatnonzero(partners >= -1)
     partner = partners[owner]
@@ -239,14 +241,16 @@ def _refuse_shared_face(
     )
 
 
-def _refuse_overlaps(cell_of: Int, owner: Int, partner: Int, outward: Float) -> None:
+def _refuse_overlaps(cell_of: Int, owner: Int, partner: Int, vector: Float, sign: Float) -> None:
     """Raise MeshError if two cells lie on the same side of their common face."""
+    from agglo_core.mesh.kernels.solid_cells import first_overlap
+
+    face = first_overlap(owner, partner, vector, sign)
+    if face < 0:
+        return
     inner = partner >= 0
     a, b = owner[inner], partner[inner]
-    wrong = np.flatnonzero((outward[a] * outward[b]).sum(axis=1) > 0)
-    if not len(wrong):
-        return
-    first, second = int(cell_of[a[wrong[0]]]), int(cell_of[b[wrong[0]]])
+    first, second = int(cell_of[owner[face]]), int(cell_of[partner[face]])
     pair = (np.minimum(cell_of[a], cell_of[b]) == first) & (np.maximum(cell_of[a], cell_of[b]) == second)
     if pair.sum() == (cell_of == first).sum() == (cell_of == second).sum():
         raise MeshError(f"cells {first} and {second} are duplicates: they have the same faces")

@@ -12,11 +12,15 @@ def face_moments(points: Float, offsets: Int, vertices: Int) -> tuple[Float, Flo
     """Return area vectors and centroids ``(F, 3)`` of polygonal faces, by triangle fans."""
     from agglo_core.mesh.kernels.face_loops import loop_moments
 
-    moments = over_ranges(
-        lambda start, stop: loop_moments(points, offsets[start : stop + 1], vertices), len(offsets) - 1
-    )
-    total, centre = zip(*moments, strict=True)
-    return frozen_float(np.concatenate(total)), frozen_float(np.concatenate(centre))
+    n = len(offsets) - 1
+    total, centre = np.empty((n, 3)), np.empty((n, 3))
+
+    def measure_range(start: int, stop: int) -> None:
+        span = slice(start, stop)
+        loop_moments(points, offsets[start : stop + 1], vertices, total[span], centre[span])
+
+    over_ranges(measure_range, n)
+    return frozen_float(total), frozen_float(centre)
 
 
 def sum_by(groups: Int, values: Float, n: int) -> Float:
@@ -31,12 +35,15 @@ def polyhedron_moments(
     """Return volumes and centroids by the divergence theorem, from pyramids over each cell's faces."""
     from agglo_core.mesh.kernels.solid_cells import solid_moments
 
-    moments = over_ranges(
-        lambda start, stop: solid_moments(start, stop, vector, centre, face_cells, offsets, faces),
-        len(offsets) - 1,
-    )
-    volume, centroid = zip(*moments, strict=True)
-    return frozen_float(np.concatenate(volume)), frozen_float(np.concatenate(centroid))
+    n = len(offsets) - 1
+    volume, centroid = np.empty(n), np.empty((n, 3))
+
+    def measure_range(start: int, stop: int) -> None:
+        arrays = volume[start:stop], centroid[start:stop]
+        solid_moments(start, stop, vector, centre, face_cells, offsets, faces, *arrays)
+
+    over_ranges(measure_range, n)
+    return frozen_float(volume), frozen_float(centroid)
 
 
 def polyhedron_vertices(

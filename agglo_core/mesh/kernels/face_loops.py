@@ -20,26 +20,26 @@ def _half_cross(points, a, b, c, vector):
 
 
 @kernel
-def loop_moments(points, offsets, vertices):
-    """Compute area vectors and centroids of loops ``(n, 3)``, by triangle fans from their first points.
+def loop_moments(points, offsets, vertices, total, centre):
+    """Write area vectors and centroids of loops ``(n, 3)``, by triangle fans from their first points.
 
     Loop f has ``vertices[offsets[f]:offsets[f + 1]]``. The area vector is the area times the normal. The
-    centroid of a loop without area is its first point.
+    centroid of a loop without area is its first point. The caller allocates the arrays, see
+    :mod:`agglo_core.mesh.kernels.plane_cells`.
     """
-    n = len(offsets) - 1
-    total, centre = np.zeros((n, 3)), np.zeros((n, 3))
     part, unit = np.empty(3), np.empty(3)
-    for f in range(n):
+    for f in range(len(offsets) - 1):
         # 1. The area vector is the sum of the triangle area vectors.
-        a = vertices[offsets[f]]
+        a, is_triangle = vertices[offsets[f]], offsets[f + 1] - offsets[f] == 3
+        total[f, 0], total[f, 1], total[f, 2] = 0.0, 0.0, 0.0
         for h in range(offsets[f] + 1, offsets[f + 1] - 1):
             _half_cross(points, a, vertices[h], vertices[h + 1], part)
             for k in range(3):
                 total[f, k] += part[k]
         size = np.sqrt(total[f, 0] * total[f, 0] + total[f, 1] * total[f, 1] + total[f, 2] * total[f, 2])
+        for k in range(3):
+            centre[f, k] = 0.0 if size > 0.0 else points[a, k]
         if not size > 0.0:
-            for k in range(3):
-                centre[f, k] = points[a, k]
             continue
         # 2. The centroid is the mean of the triangle centroids, weighted by the areas projected along the
         #    normal, so that the reversed triangles of loops with notches count negatively.
@@ -47,13 +47,13 @@ def loop_moments(points, offsets, vertices):
             unit[k] = total[f, k] / size
         for h in range(offsets[f] + 1, offsets[f + 1] - 1):
             b, c = vertices[h], vertices[h + 1]
-            _half_cross(points, a, b, c, part)
+            if not is_triangle:  # else known from step 1
+                _half_cross(points, a, b, c, part)
             share = part[0] * unit[0] + part[1] * unit[1] + part[2] * unit[2]
             for k in range(3):
                 centre[f, k] += share * (points[a, k] + points[b, k] + points[c, k]) / 3.0
         for k in range(3):
             centre[f, k] /= size
-    return total, centre
 
 
 @kernel

@@ -45,13 +45,12 @@ def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
 
 
 @kernel
-def solid_moments(start, stop, vector, centre, face_cells, offsets, faces):
-    """Return volumes (n,) and centroids (n, 3) of the cells start..stop − 1 by the divergence theorem.
+def solid_moments(start, stop, vector, centre, face_cells, offsets, faces, volume, centroid):
+    """Write volumes (n,) and centroids (n, 3) of the cells start..stop − 1 by the divergence theorem.
 
     The cell is divided into pyramids from the mean M of its face centroids over its faces. The pyramid over a
     face with area vector a and centroid x has volume a · (x − M) / 3 and centroid M + 3 (x − M) / 4.
     """
-    volume, centroid = np.empty(stop - start), np.empty((stop - start, 3))
     for c in range(start, stop):
         # 1. Mean of the face centroids.
         mx, my, mz, count = 0.0, 0.0, 0.0, offsets[c + 1] - offsets[c]
@@ -71,7 +70,6 @@ def solid_moments(start, stop, vector, centre, face_cells, offsets, faces):
         safe, i = total / 3.0 if total != 0.0 else 1.0, c - start
         volume[i] = total / 3.0
         centroid[i, 0], centroid[i, 1], centroid[i, 2] = mx + sx / safe, my + sy / safe, mz + sz / safe
-    return volume, centroid
 
 
 @kernel
@@ -165,21 +163,23 @@ def pair_half_faces(offsets, vertices, n_points):
     A loop without partner gets −1. If three loops have the same vertices, the result is empty. Loops repeat
     no point; loop f has ``vertices[offsets[f]:offsets[f + 1]]``.
     """
-    n, slots = len(offsets) - 1, 1
-    while slots < n:
-        slots *= 2
-    head, link = np.full(slots, -1, np.int64), np.empty(n, np.int64)
-    partner, stamp = np.empty(n, np.int64), np.full(n_points, -1, np.int64)
+    n, share = len(offsets) - 1, 1
+    while share * n_points < n:
+        share *= 2
+    # The slots of a point are for loops with this lowest vertex: near loops use near slots.
+    head, link = np.full(share * n_points, -1, np.int32), np.empty(n, np.int32)
+    partner, stamp = np.empty(n, np.int64), np.full(n_points, -1, np.int32)
     for f in range(n):
         # 1. Hash of the vertices: a sum, independent of their order. The points of loop f are stamped with f.
-        key = np.uint64(0)
+        key, low = np.uint64(0), vertices[offsets[f]]
         for h in range(offsets[f], offsets[f + 1]):
             x = (np.uint64(vertices[h]) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
             x = (x ^ (x >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
             key += x ^ (x >> np.uint64(32))
             stamp[vertices[h]] = f
+            low = min(low, vertices[h])
         # 2. Search the slot for an earlier loop with the same number of vertices, all stamped.
-        slot = np.int64(key & np.uint64(slots - 1))
+        slot = low * share + np.int64(key & np.uint64(share - 1))
         g = head[slot]
         while g >= 0:
             is_match = offsets[g + 1] - offsets[g] == offsets[f + 1] - offsets[f]
@@ -198,6 +198,22 @@ def pair_half_faces(offsets, vertices, n_points):
         else:
             return partner[:0]
     return partner
+
+
+@kernel
+def first_overlap(owner, partner, vector, sign):
+    """Return the first face whose two half-faces have outward area vectors on the same side, or −1.
+
+    Face f has the half-faces ``owner[f]`` and ``partner[f]``, −1 if it has one. The outward area vector of
+    half-face h is ``sign[h] * vector[h]``.
+    """
+    for f in range(len(owner)):
+        i, j = owner[f], partner[f]
+        if j >= 0:
+            product = vector[i, 0] * vector[j, 0] + vector[i, 1] * vector[j, 1] + vector[i, 2] * vector[j, 2]
+            if sign[i] * sign[j] * product > 0.0:
+                return f
+    return -1
 
 
 @kernel

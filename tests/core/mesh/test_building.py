@@ -10,7 +10,8 @@ import pytest
 from agglo_core import Mesh, agglomerate, samples
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.mesh.construction.polygon_faces import plain_faces
-from agglo_core.mesh.kernels.face_loops import loop_moments, loops_with_repeats
+from agglo_core.mesh.geometry.solid_cells import face_moments
+from agglo_core.mesh.kernels.face_loops import loops_with_repeats
 from agglo_core.mesh.kernels.faces import match_half_edges
 from agglo_core.threads import using_threads
 
@@ -133,7 +134,7 @@ def test_moments_of_faces_are_sums_over_fans_of_triangles() -> None:
     points = frozen_float(rng.random((40, 3)))
     loops = [rng.permutation(40)[:size].tolist() for size in (3, 4, 5, 9)] + [[0, 1, 0]]
     offsets = frozen_int(np.cumsum([0, *map(len, loops)]))
-    total, centre = loop_moments(points, offsets, frozen_int(np.concatenate(loops)))
+    total, centre = face_moments(points, offsets, frozen_int(np.concatenate(loops)))
     for f, loop in enumerate(loops[:-1]):
         a, b, c = points[loop[0]], points[loop[1:-1]], points[loop[2:]]
         parts = 0.5 * np.cross(b - a, c - a)
