@@ -82,10 +82,12 @@ def _block(kind: str, cells: ArrayLike) -> Polyhedra:
         if tetra.any():
             nodes = np.where(tetra[:, None], nodes[:, _FOLDED_TETRA], nodes)
     n, local = len(nodes), np.concatenate([np.asarray(face) for face in table])
-    sizes = np.tile([len(face) for face in table], n)
+    ends = np.cumsum([len(face) for face in table])
+    loop_offsets = np.zeros(n * len(table) + 1, np.int64)
+    np.add.outer(np.arange(n) * len(local), ends, out=loop_offsets[1:].reshape(n, len(table)))
     return Polyhedra(
         frozen_int(np.arange(n + 1) * len(table)),
-        frozen_int(np.concatenate(([0], np.cumsum(sizes)))),
+        frozen_int(loop_offsets),
         frozen_int(nodes.take(local, axis=1).ravel()),
     )
 

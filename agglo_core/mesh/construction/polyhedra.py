@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, Mask, frozen, frozen_float, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import (
     box_centre,
@@ -25,7 +25,7 @@ from agglo_core.mesh.checks import (
 )
 from agglo_core.mesh.construction.polygons import Faces, drop_flat_cells, drop_padding
 from agglo_core.mesh.construction.repeated_vertices import simple_solids
-from agglo_core.mesh.construction.shells import outward_signs
+from agglo_core.mesh.construction.shells import outward_signs, signs_of_plain_cells
 from agglo_core.mesh.elements import Polyhedra, take_cells
 from agglo_core.mesh.geometry.solid_cells import face_moments
 
@@ -57,14 +57,15 @@ def build_polyhedra(
     )
     points = frozen_float(points[used_points])
     check_extent(points)
-    cell_numbers, solids, vector, sign = _orient_half_faces(points, solids, drop_flat)
+    local = frozen_float(points - box_centre(points))  # to limit rounding
+    cell_numbers, solids, sign = _orient_half_faces(local, solids, drop_flat, _ROUNDING * last_place(points))
     repairs["cells without volume dropped"] = n - len(cell_numbers)
     repairs["faces turned outward"] = int((sign < 0).sum())
     # Pair the half-faces.
     loop_offsets, vertices = solids.loop_offsets, solids.vertices
     cell_of = frozen_int(np.repeat(cell_numbers, np.diff(solids.cell_offsets)))
     owner, neighbour = _match(cell_of, loop_offsets, vertices, used_points)
-    _refuse_overlaps(cell_of, owner, neighbour, vector, sign)
+    _refuse_overlaps(cell_of, owner, neighbour, local, loop_offsets, vertices, sign)
     keep_offsets, keep_vertices = _take_loops(loop_offsets, vertices, owner, sign[owner] > 0)
     sides = np.stack((cell_of[owner], np.where(neighbour >= 0, cell_of[neighbour], -1)), axis=1)
     if len(cell_numbers) < n:  # renumber the cells and drop the points of removed cells
@@ -77,44 +78,34 @@ def build_polyhedra(
 
 
 def _orient_half_faces(
-    points: Float, solids: Polyhedra, drop_flat: bool
-) -> tuple[Int, Polyhedra, Float, Float]:
+    points: Float, solids: Polyhedra, drop_flat: bool, off: float
+) -> tuple[Int, Polyhedra, Float]:
     """Drop cells without volume, and find the signs that turn the other half-faces outward.
 
-    Return the kept cells, their half-faces, the area vectors, and these signs.
+    Points may be ``off`` from edges that contain them. Return kept cells, their half-faces, and the signs.
     """
     cell_numbers = drop_flat_cells(np.diff(solids.cell_offsets) == 0, "volume", drop_flat)
     if len(cell_numbers) < len(solids.cell_offsets) - 1:
         solids = take_cells(solids, cell_numbers)
     _check_counts(solids, cell_numbers)
-    # Orientation by moments relative to the centre, to limit rounding.
-    local = frozen_float(points - box_centre(points))
-    vector, centre = face_moments(local, solids.loop_offsets, solids.vertices)
+    sign = signs_of_plain_cells(solids, points, off)
+    if sign is not None:
+        return cell_numbers, solids, sign
+    # Some cells need more than one pass over their faces.
+    vector, centre = face_moments(points, solids.loop_offsets, solids.vertices)
     cell_of = frozen_int(np.repeat(np.arange(len(cell_numbers)), np.diff(solids.cell_offsets)))
     sign, open_cells, flat = outward_signs(
-        cell_of,
-        solids.loop_offsets,
-        solids.vertices,
-        local,
-        vector,
-        centre,
-        _ROUNDING * last_place(points),
+        cell_of, solids.loop_offsets, solids.vertices, points, vector, centre, off
     )
     if len(open_cells):
         raise MeshError(
             f"{name_cells(cell_numbers[open_cells])}: the faces do not close, or cannot be oriented"
         )
     if not flat.any():
-        return cell_numbers, solids, vector, sign
+        return cell_numbers, solids, sign
     # Drop cells without volume and their half-faces.
     full = drop_flat_cells(flat, "volume", drop_flat, cell_numbers)
-    half = ~flat[cell_of]
-    return (
-        cell_numbers[full],
-        take_cells(solids, full),
-        frozen_float(vector[half]),
-        frozen_float(sign[half]),
-    )
+    return cell_numbers[full], take_cells(solids, full), frozen_float(sign[~flat[cell_of]])
 
 
 def _simple(solids: Polyhedra, n_points: int) -> tuple[Polyhedra, int]:
@@ -241,11 +232,13 @@ def _refuse_shared_face(
     )
 
 
-def _refuse_overlaps(cell_of: Int, owner: Int, partner: Int, vector: Float, sign: Float) -> None:
+def _refuse_overlaps(
+    cell_of: Int, owner: Int, partner: Int, points: Float, offsets: Int, vertices: Int, sign: Float
+) -> None:
     """Raise MeshError if two cells lie on the same side of their common face."""
-    from agglo_core.mesh.kernels.solid_cells import first_overlap
+    from agglo_core.mesh.kernels.face_loops import first_overlap
 
-    face = first_overlap(owner, partner, vector, sign)
+    face = first_overlap(owner, partner, points, offsets, vertices, sign)
     if face < 0:
         return
     inner = partner >= 0
@@ -257,10 +250,12 @@ def _refuse_overlaps(cell_of: Int, owner: Int, partner: Int, vector: Float, sign
     raise MeshError(f"cells {first} and {second} overlap: both lie on the same side of a face")
 
 
-def _take_loops(offsets: Int, vertices: Int, loops: Int, forward: Any) -> tuple[Int, Int]:
-    sizes = np.diff(offsets)[loops]
-    new = np.concatenate(([0], np.cumsum(sizes)))
-    rank = np.arange(new[-1]) - np.repeat(new[:-1], sizes)
-    mirrored = np.repeat(sizes, sizes) - 1 - rank
-    rank = np.where(np.repeat(forward, sizes), rank, mirrored)
-    return frozen_int(new), frozen_int(vertices[np.repeat(offsets[loops], sizes) + rank])
+def _take_loops(offsets: Int, vertices: Int, loops: Int, forward: Mask) -> tuple[Int, Int]:
+    """Return selected loops, each as listed or in reverse order."""
+    from agglo_core.mesh.kernels.face_loops import take_loops
+
+    new_offsets = np.zeros(len(loops) + 1, np.int64)
+    np.cumsum(offsets[loops + 1] - offsets[loops], out=new_offsets[1:])
+    new_vertices = np.empty(new_offsets[-1], np.int64)
+    take_loops(offsets, vertices, loops, frozen(forward, np.bool_), frozen_int(new_offsets), new_vertices)
+    return frozen_int(new_offsets), frozen_int(new_vertices)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
-from agglo_core.mesh.elements import gather
+from agglo_core.mesh.elements import Polyhedra, gather
 
 _CLOSED = 1e-9  # sum of the area vectors of a closed cell, relative to its surface
 _SLIT = 1e-4  # maximum of this tolerance, where it grows for cells small relative to the rounding of points
@@ -33,6 +33,35 @@ class _Surface(NamedTuple):
     vector: Float
     centre: Float
     side: Float
+
+
+def _max_gap(area: Float, off: float) -> Float:
+    """Return the largest sum of the area vectors of closed cells with these surface areas."""
+    slit = np.minimum(off * np.sqrt(area), _SLIT * area)
+    return np.asarray(np.maximum(_CLOSED * area, slit))
+
+
+def signs_of_plain_cells(solids: Polyhedra, points: Float, off: float) -> Float | None:
+    """Return :func:`outward_signs` of half-faces, or None if a cell needs more than one pass over its faces.
+
+    Plain cells are star-shaped about the mean of their face centres, closed, have a volume, and too few faces
+    for two shells.
+    """
+    from agglo_core.mesh.kernels.face_loops import cell_surfaces
+
+    counts = np.diff(solids.cell_offsets)
+    if counts.max() >= TWO_SHELLS:
+        return None
+    sums = np.empty((len(counts), 5))
+    cell_surfaces(points, *solids, sums)
+    area, gap, least, most, total = sums.T
+    is_plain = ((least >= 0) | (most <= 0)) & (gap <= _max_gap(area, off)) & ~_is_flat(total, area)
+    return frozen_float(np.repeat(np.sign(total), counts)) if is_plain.all() else None
+
+
+def _is_flat(total: Float, area: Float) -> Mask:
+    """Return the mask of cells without volume, from three times the volume, and the area."""
+    return np.asarray(np.abs(total) <= _FLAT * area**1.5)
 
 
 def outward_signs(
@@ -73,8 +102,7 @@ def outward_signs(
     # Star-shaped cells: all faces look away from the middle, or all towards it.
     offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(cell_of)))))
     area, gap, least, most, total, *middle = surfaces(offsets, vector, centre).T
-    slit = np.minimum(off * np.sqrt(area), _SLIT * area)
-    max_gap = np.maximum(_CLOSED * area, slit)
+    max_gap = _max_gap(area, off)
     is_star = ((least >= 0) | (most <= 0)) & (gap <= max_gap)
     perhaps = frozen_int(np.flatnonzero(is_star & (np.diff(offsets) >= TWO_SHELLS)))
     if len(perhaps):
@@ -98,7 +126,7 @@ def outward_signs(
     return (
         frozen_float(sign * np.sign(total)[cell_of]),
         frozen_int(np.flatnonzero(~(gap <= max_gap))),
-        np.asarray(np.abs(total) <= _FLAT * area**1.5),
+        _is_flat(total, area),
     )
 
 

@@ -115,6 +115,33 @@ def solid_inertias(start, stop, moments, vector, centre, face_cells, offsets, fa
     return found
 
 
+@helper
+def add_surface(start, stop, vector, centre, sums, c):
+    """Write the first five sums of :func:`surfaces` over half-faces start..stop − 1 to row c. Return M."""
+    # 1. M, the mean of the centres.
+    x, y, z, count = 0.0, 0.0, 0.0, stop - start
+    for h in range(start, stop):
+        x += centre[h, 0]
+        y += centre[h, 1]
+        z += centre[h, 2]
+    x, y, z = x / count, y / count, z / count
+    # 2. Sums of areas, area vectors (u, v, w) and fluxes. All fluxes have the same sign only if all faces
+    #    look away from M, or all towards it.
+    area, u, v, w, least, most, total = 0.0, 0.0, 0.0, 0.0, np.inf, -np.inf, 0.0
+    for h in range(start, stop):
+        a, b, d = vector[h, 0], vector[h, 1], vector[h, 2]
+        area += np.sqrt(a * a + b * b + d * d)
+        u += a
+        v += b
+        w += d
+        flux = (centre[h, 0] - x) * a + (centre[h, 1] - y) * b + (centre[h, 2] - z) * d
+        least, most = min(least, flux), max(most, flux)
+        total += flux
+    sums[c, 0], sums[c, 1] = area, np.sqrt(u * u + v * v + w * w)
+    sums[c, 2], sums[c, 3], sums[c, 4] = least, most, total
+    return x, y, z
+
+
 @kernel
 def surfaces(offsets, vector, centre):
     """Sum areas, area vectors and fluxes over the faces of each cell.
@@ -131,27 +158,7 @@ def surfaces(offsets, vector, centre):
     """
     sums = np.empty((len(offsets) - 1, 8))
     for c in range(len(sums)):
-        # 1. M, the mean of the centres.
-        x, y, z, count = 0.0, 0.0, 0.0, offsets[c + 1] - offsets[c]
-        for h in range(offsets[c], offsets[c + 1]):
-            x += centre[h, 0]
-            y += centre[h, 1]
-            z += centre[h, 2]
-        x, y, z = x / count, y / count, z / count
-        # 2. Sums of areas, area vectors (u, v, w) and fluxes. All fluxes have the same sign only if all faces
-        #    look away from M, or all towards it.
-        area, u, v, w, least, most, total = 0.0, 0.0, 0.0, 0.0, np.inf, -np.inf, 0.0
-        for h in range(offsets[c], offsets[c + 1]):
-            a, b, d = vector[h, 0], vector[h, 1], vector[h, 2]
-            area += np.sqrt(a * a + b * b + d * d)
-            u += a
-            v += b
-            w += d
-            flux = (centre[h, 0] - x) * a + (centre[h, 1] - y) * b + (centre[h, 2] - z) * d
-            least, most = min(least, flux), max(most, flux)
-            total += flux
-        sums[c, 0], sums[c, 1] = area, np.sqrt(u * u + v * v + w * w)
-        sums[c, 2], sums[c, 3], sums[c, 4] = least, most, total
+        x, y, z = add_surface(offsets[c], offsets[c + 1], vector, centre, sums, c)
         sums[c, 5], sums[c, 6], sums[c, 7] = x, y, z
     return sums
 
@@ -198,22 +205,6 @@ def pair_half_faces(offsets, vertices, n_points):
         else:
             return partner[:0]
     return partner
-
-
-@kernel
-def first_overlap(owner, partner, vector, sign):
-    """Return the first face whose two half-faces have outward area vectors on the same side, or −1.
-
-    Face f has the half-faces ``owner[f]`` and ``partner[f]``, −1 if it has one. The outward area vector of
-    half-face h is ``sign[h] * vector[h]``.
-    """
-    for f in range(len(owner)):
-        i, j = owner[f], partner[f]
-        if j >= 0:
-            product = vector[i, 0] * vector[j, 0] + vector[i, 1] * vector[j, 1] + vector[i, 2] * vector[j, 2]
-            if sign[i] * sign[j] * product > 0.0:
-                return f
-    return -1
 
 
 @kernel
