@@ -230,10 +230,13 @@ def write(
             write_by(file_format, target, mesh, hierarchy, tell, level_values)
 
 
-def check_writable(path: str | PathLike[str], *, registry: Registry | None = None) -> None:
+def check_writable(
+    path: str | PathLike[str], *, compress: bool = False, registry: Registry | None = None
+) -> None:
     """Raise FileError if writing to this path would certainly fail.
 
-    A format must write this suffix, the folder must exist, and the path must not be a folder.
+    A format must write this suffix, the folder must exist, and the path must not be a folder. OptionError is
+    raised for ``compress`` and a format that does not compress.
 
     Examples
     --------
@@ -246,7 +249,7 @@ def check_writable(path: str | PathLike[str], *, registry: Registry | None = Non
     """
     target = _check_path("write", path)
     with name_in_errors(target):
-        _writer(target, registry, {})
+        _writer(target, registry, {"compress": True} if compress else {})
 
 
 def _formats(registry: Registry | None, options: dict[str, bool]) -> Formats:

@@ -40,6 +40,7 @@ _log = logging.getLogger("agglo")
 @agglomeration_options(bisector="several")
 @metrics_option
 @click.option("-o", "--output", type=FILE, help="Mesh and levels (.vtu, .npz, …); one file per bisector.")
+@click.option("--compress", is_flag=True, help="Compress the arrays of -o: smaller, but slower to write.")
 @click.option("--plot", type=FILE, help="Picture of mesh and levels (.png, .pdf, .svg).")
 @click.option(
     "--explode",
@@ -61,6 +62,7 @@ def run(
     agglomeration: Mapping[str, Any],
     metrics: list[Any] | None,
     output: Path | None,
+    compress: bool,
     plot: Path | None,
     explode: float | None,
     report: Path | None,
@@ -77,14 +79,16 @@ def run(
         quieten()
     if explode is not None and plot is None:
         raise click.UsageError("--explode needs --plot: give --plot or leave --explode out")
+    if compress and output is None:
+        raise click.UsageError("--compress needs -o: give -o or leave --compress out")
     if is_of_ranks(output, independent):
         refuse_files({"--plot": plot, "--report": report})
         if not quiet:
             explain_compilation()
-        options = {"independent": independent, "as_json": as_json, "quiet": quiet}
+        options = {"independent": independent, "compress": compress, "as_json": as_json, "quiet": quiet}
         return run_on_ranks(source, bisectors, agglomeration, metrics, output, **options)
     # Check all options before any work.
-    files = check_outputs(source, output, plot, report, bisectors)
+    files = check_outputs(source, output, plot, report, bisectors, compress)
     plans = {spec: {"bisector": choice("bisector", spec)} for spec in bisectors} or {"": {}}
     outputs = Outputs()
     with show_progress(quiet) as progress:
@@ -98,7 +102,9 @@ def run(
         try:
             # Each run is written as soon as it is complete.
             runs = [
-                _carry_out(mesh, spec, {**agglomeration, **components}, metrics, outputs, file, progress)
+                _carry_out(
+                    mesh, spec, {**agglomeration, **components}, metrics, outputs, file, compress, progress
+                )
                 for (spec, components), file in zip_longest(plans.items(), files)
             ]
         except BaseException:
@@ -120,6 +126,7 @@ def _carry_out(
     metrics: list[Any] | None,
     outputs: Outputs,
     file: Path | None,
+    compress: bool,
     progress: Listener | None,
 ) -> RunResult:
     """Agglomerate with one bisector and write the result at once.
@@ -133,7 +140,9 @@ def _carry_out(
         if file is None:
             return
         values = [level.values for level in levels] or None
-        make = partial(write, file, mesh, hierarchy, level_values=values, progress=progress)
+        make = partial(
+            write, file, mesh, hierarchy, level_values=values, compress=compress, progress=progress
+        )
         if outputs.result(file, make) and not levels:
             _log.warning("%s was written, but could not be measured", file)
 

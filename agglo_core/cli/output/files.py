@@ -104,7 +104,12 @@ def _coarse_meshes(path: Path) -> str:
 
 
 def check_outputs(
-    source: str, output: Path | None, plot: Path | None, report: Path | None, bisectors: Sequence[str]
+    source: str,
+    output: Path | None,
+    plot: Path | None,
+    report: Path | None,
+    bisectors: Sequence[str],
+    compress: bool = False,
 ) -> list[Path]:
     """Check all output files as far as possible, and return each run's mesh file.
 
@@ -113,6 +118,8 @@ def check_outputs(
     FileError
         For an unknown suffix, a folder that does not exist, a path that is a folder, or the input file
         ``source``, except to add levels to a case that is a folder.
+    OptionError
+        If the mesh file is to be compressed, and its format does not compress.
     """
     if plot is not None:
         check_picture(plot)
@@ -125,7 +132,7 @@ def check_outputs(
 
     files = [output] if len(bisectors) < 2 else _one_each(output, bisectors)
     for file in files:
-        check_writable(file)
+        check_writable(file, compress=compress)
     is_case = Formats(default()).writer(output).has("folders")
     if len(files) > 1 and is_case:
         raise FileError(f"{output}: a case holds the levels of one bisector, given {' and '.join(bisectors)}")

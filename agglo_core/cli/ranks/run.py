@@ -59,6 +59,7 @@ def run_on_ranks(
     output: Path | None,
     *,
     independent: bool,
+    compress: bool,
     as_json: bool,
     quiet: bool,
 ) -> int:
@@ -99,7 +100,7 @@ def run_on_ranks(
             levels = _levels(hierarchy, RATIOS if metrics is None else metrics)
         if output is not None:
             with phase(progress, "writing", output.name):
-                write(output, mesh, hierarchy)
+                write(output, mesh, hierarchy, compress=compress)
     if first:
         name = bisectors[0] if bisectors else hierarchy.statistics["bisector"]
         _tell(source, mesh, _Run(name, hierarchy, levels, seconds, cpu), as_json=as_json, quiet=quiet)

@@ -138,7 +138,9 @@ def test_each_group_has_its_options(agglo: Agglo) -> None:
     assert flags[1][:4] == ["bisector", "refiner", "fixer", "method"]
     assert (flags[2][0], flags[2][-1], len(flags[2])) == ("constraint", "lines", 15)
     assert flags[3] == ["config", "allow-code", "threads", "independent-of-ranks"]
-    assert flags[4] == ["metrics", "output", "plot", "explode", "report", "json", "quiet", "help"]
+    assert flags[4] == [
+        *("metrics", "output", "compress", "plot", "explode", "report", "json", "quiet", "help")
+    ]
 
 
 def test_plugins_are_listed(agglo: Agglo) -> None:

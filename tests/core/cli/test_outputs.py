@@ -239,6 +239,23 @@ def test_what_can_be_known_is_refused_before_a_run(agglo: Agglo, monkeypatch: py
         assert (done.code, done.err) == (2, "error: a.png: exists and is not a regular file\n")
 
 
+def test_files_are_compressed_on_request(agglo: Agglo) -> None:
+    agglo("run", "squares:n=16", "--parts", "16", "-o", "plain.vtu")
+    agglo("run", "squares:n=16", "--parts", "16", "-o", "small.vtu", "--compress")
+    assert Path("small.vtu").stat().st_size < 0.5 * Path("plain.vtu").stat().st_size
+    assert io.read("small.vtu").fingerprint == io.read("plain.vtu").fingerprint
+
+
+def test_what_cannot_be_compressed_is_refused_before_a_run(
+    agglo: Agglo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("agglo_core.agglomeration.one_call.agglomerate", raising(AssertionError("it ran")))
+    said = agglo("run", "squares:n=4", "--compress")
+    assert (said.code, "--compress needs -o" in said.err) == (2, True)
+    said = agglo("run", "squares:n=4", "-o", "a.typ2", "--compress")
+    assert (said.code, "has no option 'compress'" in said.err) == (2, True)
+
+
 def test_coarse_meshes_beside_a_file_are_told_of(agglo: Agglo) -> None:
     _, out, _ = agglo("run", "squares:n=4", "--parts", "4,2", "-o", "a.vtu")
     assert "wrote a.vtu, and 2 coarse meshes in the same folder, starting with a_level0.vtu" in " ".join(
