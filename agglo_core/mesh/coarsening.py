@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.arrays import Int, first_of_each, frozen_int
+from agglo_core.arrays import Int, first_of_each, frozen_int, narrow
 from agglo_core.threads import over_ranges
 
 
@@ -30,7 +30,7 @@ def coarse_faces(labels: Int, face_offsets: Int, face_vertices: Int, face_cells:
     face_offsets, face_vertices, face_cells
         As in :class:`~agglo_core.mesh.Mesh`.
     """
-    labels_and_outside = np.append(labels, -1)
+    labels_and_outside = narrow(np.append(labels, -1))  # half the memory: fewer cache misses
 
     def find_outer_faces(start: int, stop: int) -> tuple[Int, Int]:
         sides = labels_and_outside.take(face_cells[start:stop])

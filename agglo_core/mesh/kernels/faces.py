@@ -8,6 +8,8 @@ from agglo_core.compiled.compiling import helper, kernel
 
 # edges per cell up to which the next edge is found by linear search; above, by lists (benchmarks/threads.py)
 FEW = 24
+# edges whose faces are fetched together (16 KiB), so that cache misses overlap (benchmarks/files.py --chain)
+_ROOM = 1024
 
 
 @kernel
@@ -116,16 +118,16 @@ def _next_edge(points, start, end, first, link, visited, h, seed):
 
 
 @helper
-def _follow_loop(start, end, size, walk):
-    """Trace the edges of a cell, and return True if they form one loop without repeated vertices."""
-    h = 0
+def _follow_loop(start, end, base, size, walk):
+    """Trace the edges base..base + size − 1 of a cell, and return True if they form one simple loop."""
+    h = base
     for k in range(size):
         walk[k] = start[h]
-        v, h = end[h], 0
-        while h < size and start[h] != v:
+        v, h = end[h], base
+        while h < base + size and start[h] != v:
             h += 1
-        if h == size or h == 0:
-            return h == 0 and k == size - 1
+        if h == base + size or h == base:
+            return h == base and k == size - 1
     return False
 
 
@@ -141,7 +143,8 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
     most = 0
     for c in range(n):
         most = max(most, offsets[c + 1] - offsets[c])
-    start, end = np.empty(most, np.int64), np.empty(most, np.int64)
+    room = max(_ROOM, most)
+    starts, ends = np.empty(room, np.int64), np.empty(room, np.int64)
     link = np.empty(most, np.int64)  # previous edge with the same start
     visited = np.empty(most, np.bool_)
     walk = np.empty(most, np.int64)
@@ -149,17 +152,22 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
     place = np.empty(0, np.int64)  # position of a vertex in the walk
     cell_loops = np.zeros(n + 1, np.int64)
     loop_ends = np.zeros(offsets[n] - offsets[0] + 1, np.int64)
-    n_loops, filled = 0, 0
+    n_loops, filled, first_fetched, last_fetched = 0, 0, 0, 0
     for c in range(n):
         size = offsets[c + 1] - offsets[c]
-        # 1. Edges with the cell on their left: faces are reversed for their neighbour.
-        for h in range(size):
-            f = faces[offsets[c] + h]
-            flip = 0 if face_cells[f, 0] == first_cell + c else 1
-            start[h], end[h] = face_vertices[f, flip], face_vertices[f, 1 - flip]
-            visited[h] = False
+        # 1. Edges of as many cells as fit, with the cell on their left: faces are reversed for neighbours.
+        if c == last_fetched:
+            first_fetched = c
+            while last_fetched < n and offsets[last_fetched + 1] - offsets[first_fetched] <= room:
+                cell = first_cell + last_fetched
+                for h in range(offsets[last_fetched], offsets[last_fetched + 1]):
+                    f, i = np.uint64(faces[h]), np.uint64(h - offsets[first_fetched])
+                    p, q, is_owner = face_vertices[f, 0], face_vertices[f, 1], face_cells[f, 0] == cell
+                    starts[i], ends[i] = p if is_owner else q, q if is_owner else p
+                last_fetched += 1
+        base = offsets[c] - offsets[first_fetched]
         # 2. Most cells have few edges that form one simple loop.
-        if size <= FEW and _follow_loop(start, end, size, walk):
+        if size <= FEW and _follow_loop(starts, ends, base, size, walk):
             for k in range(size):
                 loops[filled + k] = walk[k]
             filled += size
@@ -170,7 +178,9 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
         if len(first) == 0:  # rarely necessary
             first, place = np.empty(len(points), np.int64), np.full(len(points), -1, np.int64)
         # 3. Other cells: list the edges that start at each vertex.
+        start, end = starts[base : base + size], ends[base : base + size]
         for h in range(size):
+            visited[h] = False
             first[start[h]] = -1
             first[end[h]] = -1
         for h in range(size):
