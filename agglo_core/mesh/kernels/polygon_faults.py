@@ -11,6 +11,8 @@ from agglo_core.threads import over_ranges
 # Faults: repeated vertex, zero area, crossing edges, edge that folds back onto the previous edge.
 OK, REPEATED, ZERO, CROSSED, FOLDED = 0, 1, 2, 3, 4
 _BENT, _BENT_ZERO = 5, 6  # non-convex, still to be examined, with and without area
+# vertices whose points are fetched together (16 KiB), so that cache misses overlap (benchmarks/building.py)
+_ROOM = 1024
 
 
 @helper
@@ -103,23 +105,35 @@ def plain_faults(points, offsets, vertices, weak):
     Polygon c has ``vertices[offsets[c]:offsets[c + 1]]``. If ``weak``, it may touch itself, and convexity is
     not tested.
     """
-    n = len(offsets) - 1
-    area = np.zeros(n)
-    fault = np.zeros(n, np.int64)
+    n, most = len(offsets) - 1, 0
     for c in range(n):
-        # 1. Area and largest squared distance, relative to the first vertex, and edges without length.
+        most = max(most, offsets[c + 1] - offsets[c])
+    area, fault = np.empty(n), np.zeros(n, np.uint8)
+    corners, first, last = np.empty((max(_ROOM, most), 2)), 0, 0
+    for c in range(n):
+        # 1. Fetch the corners of as many cells as fit.
         start, stop = offsets[c], offsets[c + 1]
-        x0, y0 = points[vertices[start], 0], points[vertices[start], 1]
-        extent, dx, dy = 0.0, 0.0, 0.0
-        for i in range(start, stop):
-            w = vertices[i + 1 if i + 1 < stop else start]
-            if vertices[i] == w:
-                fault[c] = REPEATED
-            ex, ey = points[w, 0] - x0, points[w, 1] - y0
-            area[c] += 0.5 * (dx * ey - dy * ex)
+        if c == last:
+            first = last
+            while last < n and offsets[last + 1] - offsets[first] <= len(corners):
+                last += 1
+            for h in range(offsets[first], offsets[last]):
+                i, v = np.uint64(h - offsets[first]), np.uint64(vertices[h])
+                corners[i, 0], corners[i, 1] = points[v, 0], points[v, 1]
+        # 2. Area and largest squared distance, relative to the first vertex, and edges without length.
+        base = start - offsets[first]
+        x0, y0, twice, extent, dx, dy = corners[base, 0], corners[base, 1], 0.0, 0.0, 0.0, 0.0
+        for i in range(1, stop - start):
+            ex, ey = corners[base + i, 0] - x0, corners[base + i, 1] - y0
+            twice += dx * ey - dy * ex
             extent = max(extent, ex * ex + ey * ey)
             dx, dy = ex, ey
-        # 2. Triangles are convex. An area below 1e-15 of the squared extent is a rounding error.
+            if vertices[start + i] == vertices[start + i - 1]:
+                fault[c] = REPEATED
+        if vertices[start] == vertices[stop - 1]:
+            fault[c] = REPEATED
+        area[c] = 0.5 * twice
+        # 3. Triangles are convex. An area below 1e-15 of the squared extent is a rounding error.
         if fault[c] == OK:
             non_convex = stop - start > 3 and not weak and not _is_convex(points, vertices, start, stop)
             if abs(area[c]) > 1e-15 * extent:
