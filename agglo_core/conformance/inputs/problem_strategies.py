@@ -86,6 +86,7 @@ def plates(draw: Draw, subject: Subject) -> DrawnPlate:
     recipe = DrawnMesh(
         "boxes" if solid else "rectangles",
         cells=draw(one_of_values((16, 1, 4, 30))),
+        seed=draw(one_of_values(range(4))),
         grading=draw(rarely((1.0, 5.0))),
         stretch=draw(one_of_values((1.0, 0.5, 3.0))),
         shift=draw(rarely((0.0, 3.0, 1e6))),

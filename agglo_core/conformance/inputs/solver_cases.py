@@ -123,7 +123,7 @@ class DrawnPlate(Recipe):
     Parameters
     ----------
     drawn : DrawnMesh
-        Mesh of rectangles or boxes, neither rotated nor distorted.
+        Mesh of rectangles or boxes, neither rotated nor distorted; its seed rotates the tags of the sides.
     left, right : float
         Coefficient on both sides of a plane across x, unless it is given as a number.
     form : str
@@ -183,7 +183,9 @@ class DrawnPlate(Recipe):
         # Tag the sides; the last ones have Neumann data.
         count = 2 * mesh.dim
         is_flux = np.arange(count) >= count - self.fluxes
-        tags = np.where(is_flux, SIDES[1], SIDES[0]) if self.merged else np.array(SIDES[:count])
+        tags = np.roll(SIDES[:count], self.drawn.seed)
+        if self.merged:
+            tags = np.where(is_flux, tags[0], tags[1])
         t = (mesh.face_centroids - low) / extent
         beyond = np.stack((t, 1.0 - t), axis=2).reshape(mesh.n_faces, count)
         side = tags[beyond.argmin(axis=1)]

@@ -59,9 +59,9 @@ def error_reduced(subject: Subject, case: Case) -> None:
     left = [_share_left(subject, replace(case, given=(replace(level, steps=k), b, x)), x) for k in steps]
     require(
         all(after < (1 - 1e-6) * before or after < _GONE for before, after in pairwise([1.0, *left])),
-        f"on {case.name}: {steps} steps leave {', '.join(f'{share:.4f}' for share in left)} of the error in "
-        "the energy norm: damp it, for instance by 4 / (3 λ), λ being the largest eigenvalue of the "
-        "preconditioned matrix, and apply it level.steps times; a step length has the unit of 1 / A",
+        f"on {case.name}: {list(steps)} steps leave {', '.join(f'{share:.4f}' for share in left)} of the "
+        "error in the energy norm: damp it, for instance by 4 / (3 λ), λ being the largest eigenvalue of "
+        "the preconditioned matrix, and apply it level.steps times; a step length has the unit of 1 / A",
     )
 
 
