@@ -204,7 +204,9 @@ class Derived:
         if self.dim != 2:
             raise MeshError("boundary_loops exists only for 2-D meshes")
         # Not kept for this purpose alone: sorting the faces again is cheaper than their memory.
-        faces = self.__dict__.get("cell_faces") or faces_of_cells(self.face_cells, self.n_cells)
+        faces: tuple[Int, Int] = self.__dict__.get("cell_faces") or faces_of_cells(
+            self.face_cells, self.n_cells
+        )
         return loops_of_cells(self.local_points, *faces, self.face_pairs, self.face_cells)
 
     def check_labels(self, labels: ArrayLike) -> Int:

@@ -118,8 +118,8 @@ def plain_faults(points, offsets, vertices, weak):
             while last < n and offsets[last + 1] - offsets[first] <= len(corners):
                 last += 1
             for h in range(offsets[first], offsets[last]):
-                i, v = np.uint64(h - offsets[first]), np.uint64(vertices[h])
-                corners[i, 0], corners[i, 1] = points[v, 0], points[v, 1]
+                k, v = np.uint64(h - offsets[first]), np.uint64(vertices[h])
+                corners[k, 0], corners[k, 1] = points[v, 0], points[v, 1]
         # 2. Area and largest squared distance, relative to the first vertex, and edges without length.
         base = start - offsets[first]
         x0, y0, twice, extent, dx, dy = corners[base, 0], corners[base, 1], 0.0, 0.0, 0.0, 0.0
