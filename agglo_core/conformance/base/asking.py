@@ -125,7 +125,7 @@ def _masks(tool: Any, mesh: Mesh, labels: Any) -> dict[str, Any]:
     tool, graph = tool.for_mesh(mesh) if hasattr(tool, "for_mesh") else tool, mesh.graph
     arguments = {"forbidden": (graph,), "admissible": (graph, labels), "incomplete": (graph, labels)}
     return {
-        method: getattr(tool, method)(*values)
+        method: np.asarray(getattr(tool, method)(*values))
         for method, values in arguments.items()
         if callable(getattr(tool, method, None))
     }

@@ -95,8 +95,8 @@ def _case_on(kind: str, mesh: Mesh) -> Case:
     return Case(mesh.name, tuple(arguments))
 
 
-def report_case(mesh: Mesh, unsafe: str = UNSAFE) -> Case:
-    """Return a test case for report sections: a run with two levels, and a failed run with this name."""
+def report_case(mesh: Mesh, unsafe: str = UNSAFE, *, completed: bool = True) -> Case:
+    """Return a test case for report sections: a completed run with two levels, and a failed run."""
     levels = [bands(mesh, 4), bands(mesh, 4) // 2]
     targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]
     hierarchy = Hierarchy(mesh, mesh.graph, levels, targets, nested=True)
@@ -104,4 +104,4 @@ def report_case(mesh: Mesh, unsafe: str = UNSAFE) -> Case:
         RunResult(mesh.name, hierarchy, measure_levels(mesh, hierarchy), 0.25, cpu_seconds=0.25),
         RunResult(f"another {unsafe}", None, error=f"it could not be run on {unsafe}"),
     ]
-    return Case(f"a report on {mesh.name!r}", (mesh, runs))
+    return Case(f"a report on {mesh.name!r}", (mesh, runs if completed else runs[1:]))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.agglomeration.border import one_sided_blocks
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.subject import Subject
@@ -93,6 +94,23 @@ def balanced(subject: Subject, case: Case) -> None:
             deviation <= allowed * total + weights.max() + 1e-9 * total,
             f"on {case.name}: the weight of a side differs from half of {total:.3g} by {deviation:.3g}, "
             f"promised is a share of {allowed:g} plus one cell: promise a wider tolerance",
+        )
+
+
+@drawn_law("bisector", draw=graph_cases, examples=50, when=lambda subject: subject.has("bisect_shares"))
+def shares_kept(subject: Subject, case: Case) -> None:
+    """By ``bisect_shares`` a side of each block has its share of the mass, up to a tenth and one cell."""
+    graph, tool = case.given[0], subject.build()
+    shares = frozen_float(np.resize((0.2, 0.4, 1.0 / 3.0), graph.n_blocks))
+    by_share = SimpleNamespace(bisect_level=lambda level, seeds: tool.bisect_shares(level, seeds, shares))
+    sides = plain(subject, by_share, case)
+    for b, (mass, side) in enumerate(zip(chunks(graph, graph.mass), chunks(graph, sides), strict=True)):
+        wanted, found = shares[b] * mass.sum(), mass[side == 1].sum()
+        deviation = min(abs(found - wanted), abs(mass.sum() - found - wanted))
+        require(
+            deviation <= 0.1 * mass.sum() + mass.max(),
+            f"on {case.name}, block {b}: the share {shares[b]:.3g} was requested, and the sides have "
+            f"{found:.3g} and {mass.sum() - found:.3g} of the mass {mass.sum():.3g}",
         )
 
 

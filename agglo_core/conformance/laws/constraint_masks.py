@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -33,7 +34,7 @@ def masks(subject: Subject, case: Case) -> None:
     answers = _answer_unless_refused(subject, case)
     for method, mask in answers.items():
         require(
-            isinstance(mask, np.ndarray) and mask.shape == (lengths[method],) and mask.dtype == bool,
+            mask.shape == (lengths[method],) and mask.dtype == bool,
             f"on {case.name}: {method} returned {in_words(mask)}, expected booleans of shape "
             f"({lengths[method]},)",
         )
@@ -63,6 +64,26 @@ def numbering_ignored(subject: Subject, case: Case) -> None:
             equal,
             f"on {case.name}, renumbered: {method} answers differently: use tags and geometry, not cell "
             "numbers",
+        )
+
+
+@drawn_law(
+    "constraint", draw=constraint_cases, examples=_EXAMPLES, when=lambda subject: subject.has("for_mesh")
+)
+def bound_to_its_mesh(subject: Subject, case: Case) -> None:
+    """The rule that ``for_mesh`` returns stays the same when the constraint is given another mesh."""
+    before = _answer_unless_refused(subject, case)
+    if not before:
+        return
+    tool = subject.build()
+    rule = tool.for_mesh(case.given[0])
+    methods = {name: getattr(rule, name) for name in before}
+    tool.for_mesh(tag_cells_and_faces(small_meshes.grid(5, 3, jitter=0.2)))
+    later = replace(case, name=f"{case.name}, after a call of for_mesh with another mesh")
+    for method, mask in answer(subject, SimpleNamespace(**methods), later).items():
+        require(
+            np.array_equal(before[method], mask),
+            f"on {later.name}: {method} answers differently: return a new object from for_mesh",
         )
 
 

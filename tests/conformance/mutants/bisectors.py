@@ -9,6 +9,7 @@ import numpy as np
 from conformance.mutants.mutant import Mutant
 
 from agglo_core import Component, OptionError
+from agglo_core.authoring import split_at_median
 from agglo_core.split.geometric import CoordinateBisection
 
 
@@ -272,6 +273,11 @@ class UnequalHalves(Halves):
         return sides
 
 
+class SharesOfTheFirst(LevelHalves):
+    def bisect_shares(self, level, seeds, shares):
+        return split_at_median(level, level.centroids[:, 0], level.centroids, np.full_like(shares, shares[0]))
+
+
 class OneSideInSpace(Halves):
     def bisect(self, graph, rng):
         return halves(graph) * (graph.dim == 2)
@@ -329,6 +335,7 @@ MUTANTS = [
     Mutant("invariant", AxisInThePlane, "principal axes", {"invariant": True, "3d": True}),
     Mutant("kway_labels", FromOne, "expected 0..", {"kway": True}),
     Mutant("kway_parts", TwoParts, "the number requested", {"kway": True}),
+    Mutant("shares_kept", SharesOfTheFirst, "was requested"),
     Mutant("two_sides", OneSideInSpace, "on one side", {"3d": True}),
     Mutant("pickles", HoldsALambda, "no lambdas", {"pickles": True}),
 ]

@@ -93,6 +93,19 @@ class PlaneConstraint(Regions):
         return super().forbidden(graph)
 
 
+class OneLayerForAll:
+    """The layer of the last mesh is that of all."""
+
+    def for_mesh(self, mesh):
+        self.layer = np.zeros(mesh.n_cells, bool)
+        self.layer[mesh.face_cells[mesh.face_cells[:, 1] < 0, 0]] = True
+        return self
+
+    def forbidden(self, graph):
+        layer = np.resize(self.layer, graph.n)
+        return layer[_rows(graph)] != layer[graph.indices]
+
+
 class HoldsARule(Regions):
     def __init__(self):
         super().__init__()
@@ -111,6 +124,7 @@ MUTANTS = [
     Mutant("masks", OnePerCell, "booleans of shape"),
     Mutant("masks", OneWay, "stores each edge twice"),
     Mutant("numbering_ignored", ByNumber, "not cell numbers"),
+    Mutant("bound_to_its_mesh", OneLayerForAll, "return a new object"),
     Mutant("constraint_kept", ForbidsAll, "too few parts"),
     Mutant("pieces_admissible", AtLeastTwo, "cannot be split"),
     Mutant("constraint_kept", Moody, "inconsistent answers"),
