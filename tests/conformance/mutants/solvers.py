@@ -274,7 +274,7 @@ class NeverGivesUp(TwoPointFlux):
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
-        done = bool(it.converged or (it.iterations == 1 and np.isfinite(it.residuals).all()))
+        done = bool(it.converged or (it.iterations == self.most and np.isfinite(it.residuals).all()))
         return replace(it, converged=done)
 
 
