@@ -55,7 +55,10 @@ def drawn_law(
         def judge(subject: Subject) -> None:
             require_of_all(holds, subject, draw(subject), examples)
             for case in fixed(subject):
-                holds(subject, case)
+                try:
+                    holds(subject, case)
+                except Broken as error:
+                    raise Broken(str(error), error.cause, _with_imports(case.code)) from error.__cause__
 
         return Law(kinds, promise, when, judge)
 
