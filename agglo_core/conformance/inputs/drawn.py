@@ -87,7 +87,9 @@ class DrawnMesh(Recipe):
     renumbered : bool
         Renumber cells, faces and points at random.
     tags : tuple of (name, values)
-        Names of cell and face tags, with one of :data:`VALUES`.
+        Names of tags, with one of :data:`VALUES`.
+    tagged : str
+        What has tags: ``"cells"``, ``"faces"`` or ``"both"``.
 
     Examples
     --------
@@ -110,6 +112,7 @@ class DrawnMesh(Recipe):
     scale: float = 1.0
     renumbered: bool = False
     tags: tuple[tuple[str, str], ...] = ()
+    tagged: Literal["both", "cells", "faces"] = "both"
 
     @property
     def dim(self) -> int:
@@ -131,10 +134,12 @@ class DrawnMesh(Recipe):
         mesh = transform_mesh(mesh, Change(turned=self.turn, away=self.shift, scale=self.scale))
         if self.renumbered:
             mesh = renumber_mesh(mesh, self.seed)[0]
-        cell_tags = {name: tag_values(name, values, mesh.n_cells) for name, values in self.tags}
+        of_cells = self.tags if self.tagged != "faces" else ()
+        of_faces = self.tags if self.tagged != "cells" else ()
         outside = mesh.face_cells[:, 1] < 0
+        cell_tags = {name: tag_values(name, values, mesh.n_cells) for name, values in of_cells}
         face_tags = {
-            name: np.where(outside, tag_values(name, values, mesh.n_faces), 0) for name, values in self.tags
+            name: np.where(outside, tag_values(name, values, mesh.n_faces), 0) for name, values in of_faces
         }
         name = f"{mesh.n_cells} {self.family}"
         return replace(mesh, cell_tags=cell_tags, face_tags=face_tags, name=name)

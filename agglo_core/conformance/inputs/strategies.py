@@ -205,7 +205,8 @@ def metric_cases(draw: Draw, subject: Subject, families: Sequence[str] | None = 
 @composite
 def format_cases(draw: Draw, suffix: str) -> Case:
     """Draw a mesh with tags for a file format, which may refuse it."""
-    recipe = draw(meshes((*PLANE, *SOLID)))
+    # Formats refuse tags that they do not hold: those without tags of faces are judged by tags of cells.
+    recipe = replace(draw(meshes((*PLANE, *SOLID))), tagged=draw(one_of_values(("cells", "both", "faces"))))
     mesh = recipe.mesh
     return Case(f"{mesh.n_cells} {recipe.family}", (mesh, suffix), f"mesh = {recipe!r}.mesh")
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from agglo_core.arrays import frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
@@ -87,10 +88,17 @@ def read_back(subject: Subject, case: Case) -> None:
 @drawn_law("format", draw=_drawn, fixed=questions, examples=20, when=_writes)
 def hierarchy_kept(subject: Subject, case: Case) -> None:
     """A written hierarchy is read back by read_hierarchy, or as cell tags level_0, …, or else refused."""
+    mesh = case.given[0]
+    for nested in (True, False):
+        fine = bands(mesh, 4)
+        coarse = fine // 2 if nested else frozen_int(np.arange(mesh.n_cells) % 2)
+        targets = [{"n_parts": int(labels.max()) + 1} for labels in (fine, coarse)]
+        hierarchy = Hierarchy(mesh, mesh.graph, [fine, coarse], targets, nested=nested)
+        _require_kept(subject, case, hierarchy)
+
+
+def _require_kept(subject: Subject, case: Case, hierarchy: Hierarchy) -> None:
     mesh, suffix = case.given
-    levels = [bands(mesh, 4), bands(mesh, 4) // 2]
-    targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]
-    hierarchy = Hierarchy(mesh, mesh.graph, levels, targets, nested=True)
     with _folder(case) as folder:
         tool, path = subject.build(), folder / f"mesh{suffix}"
         try:
@@ -108,7 +116,7 @@ def hierarchy_kept(subject: Subject, case: Case) -> None:
             tags = tool.read(path).cell_tags
             read = [tags[f"level_{level}"] for level in range(2) if f"level_{level}" in tags]
     require(
-        len(read) == 2 and all(map(np.array_equal, read, levels)),
+        len(read) == 2 and all(map(np.array_equal, read, hierarchy.levels)),
         f"on {case.name}: {len(read)} levels with other labels were read back, 2 were written: keep the "
         "order of the levels, finest first, or refuse a hierarchy with a FileError",
     )

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import inspect
 import re
+from collections.abc import Mapping
 from contextlib import suppress
+from enum import Enum
 from itertools import pairwise
+from typing import Any, Literal, get_args, get_origin
 
 from scipy.spatial import cKDTree
 
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
-from agglo_core.conformance.inputs.questions import in_words
+from agglo_core.conformance.inputs.questions import digest, in_words
 from agglo_core.errors import AggloError
 from agglo_core.mesh import Mesh
-from agglo_core.registry.options import options_of
+from agglo_core.registry.options import Option, options_of
 
 _SIZES = (2, 3, 5, 9, 16, 25, 40)
 _MANY = 3000  # cells; larger samples are not made
@@ -25,18 +28,53 @@ _FEW = 5  # some samples make equal meshes for n = 2 and 3
 @law("sample")
 def sample_is_mesh(subject: Subject) -> None:
     """The sample is a Mesh without cracks: no two faces of the boundary lie in the same place."""
-    mesh = subject.build()
-    require(
-        isinstance(mesh, Mesh),
-        f"it returned {in_words(mesh)}, expected a Mesh: Mesh.from_polygons(points, cells) makes one",
-    )
-    outer = mesh.face_centroids[mesh.face_cells[:, 1] < 0]
-    pairs = cKDTree(outer).query_pairs(1e-9 * mesh.h)
-    require(
-        not pairs,
-        f"{len(pairs)} pairs of boundary faces lie in the same place, for instance at "
-        f"{outer[next(iter(pairs))[0]] if pairs else ''}: give each point one number",
-    )
+    for options in _choices(subject):
+        mesh = _made(subject, options)
+        if mesh is None:
+            continue
+        words = f"with the options {options}" if options else "without options"
+        require(
+            isinstance(mesh, Mesh),
+            f"{words} it returned {in_words(mesh)}, expected a Mesh: Mesh.from_polygons(points, cells) "
+            "makes one",
+        )
+        outer = mesh.face_centroids[mesh.face_cells[:, 1] < 0]
+        pairs = cKDTree(outer).query_pairs(1e-9 * mesh.h)
+        require(
+            not pairs,
+            f"{words}, {len(pairs)} pairs of boundary faces lie in the same place, for instance at "
+            f"{outer[next(iter(pairs))[0]] if pairs else ''}: give each point one number",
+        )
+
+
+def _choices(subject: Subject, *, but: str = "") -> list[dict[str, Any]]:
+    """Return no options, then each value of each option but one, with the others left out."""
+    options = [option for option in options_of(subject.target) or () if option.name != but]
+    return [{}, *({option.name: value} for option in options for value in _values(option))]
+
+
+def _values(option: Option) -> list[Any]:
+    """Return a few values for an option of a common type."""
+    default = option.default
+    if get_origin(option.type) is Literal:
+        return list(get_args(option.type))
+    if isinstance(default, Enum):
+        return list(type(default))
+    if isinstance(default, bool):
+        return [not default]
+    if isinstance(default, int):
+        return [2, 3, 5, 7, 10]
+    return [0.5 * default + 0.1, 2.0 * default + 0.3] if isinstance(default, float) else []
+
+
+def _made(subject: Subject, options: Mapping[str, Any]) -> Any:
+    """Return the sample with some options, or None if it refuses these values."""
+    try:
+        return subject.make(**options)
+    except AggloError:
+        if not options:
+            raise
+        return None
 
 
 @law("sample")
@@ -62,11 +100,23 @@ def _options(subject: Subject) -> set[str]:
     return {option.name for option in options_of(subject.target) or ()}
 
 
-@law("sample", when=lambda subject: "seed" in _options(subject))
-def seed_matters(subject: Subject) -> None:
-    """With an option ``seed``, other seeds give other meshes."""
-    points = {subject.make(seed=seed).points.tobytes() for seed in (1, 2, 3)}
-    require(len(points) == 3, "meshes of the seeds 1, 2 and 3 are equal: draw from default_rng(seed)")
+@law("sample")
+def options_matter(subject: Subject) -> None:
+    """Each option changes the mesh, at least together with one value of another option."""
+    for option in options_of(subject.target) or ():
+        compared = 0
+        for others in _choices(subject, but=option.name):
+            meshes = [_made(subject, others | {option.name: value}) for value in _values(option)]
+            hashes = {digest(mesh).tobytes() for mesh in meshes if mesh is not None}
+            compared += len(hashes) > 0 and len(meshes) > 1
+            if len(hashes) > 1:
+                break
+        else:
+            require(
+                not compared,
+                f"all values of the option {option.name} give equal meshes: use it, and remember no mesh of "
+                "other options",
+            )
 
 
 @law("sample", when=lambda subject: "n" in _options(subject))
