@@ -81,7 +81,8 @@ def test_other_counts_lie_near_the_papers(grid: str, bisector: str) -> None:
         pytest.importorskip("pymetis")
         assert not levels_of(grid, bisector).nested
     found = [count_of(grid, bisector, k) for k in range(len(SETTINGS))]
-    assert found == pytest.approx(PUBLISHED[grid, bisector], rel=0.35)
+    # METIS parts of a symmetric mesh depend on the numbering of its cells.
+    assert found == pytest.approx(PUBLISHED[grid, bisector], rel=0.45 if bisector == "metis" else 0.35)
 
 
 @pytest.mark.parametrize("bisector", ["kmeans", "metis", "inertial"])
