@@ -13,7 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import is_dataclass, replace
 from functools import partial
 from pathlib import Path
-from types import FrameType
+from types import FrameType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,7 @@ from agglo_core.conformance.process.fresh_import import import_again
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Linear
+from agglo_core.registry import KINDS
 
 _ROUNDS = 2
 _CALLS = 4  # calls per round; memory kept in all rounds is kept forever
@@ -69,7 +70,7 @@ def _sibling_cases(subject: Subject) -> Iterator[Case]:
 
 @law(*SIBLINGS, *PARTS)
 def nothing_carried_over(subject: Subject) -> None:
-    """Calls on other meshes of equal size change no result, neither later nor earlier ones."""
+    """Other meshes of equal size, and other right-hand sides, change neither later nor earlier results."""
     # Expected answers: each from a freshly imported component.
     expected = []
     for case in _sibling_cases(subject):
@@ -87,12 +88,29 @@ def nothing_carried_over(subject: Subject) -> None:
             )
             results.append((case.name, result, result.copy()))
             del case
+    if subject.kind in ("smoother", "coarse_solver"):
+        results += _answers_of_one_function(subject)
     for name, result, before in results:
         require(
             np.array_equal(result, before, equal_nan=before.dtype.kind == "f"),
             f"on {name}: the array it returned was changed by a later call: return a new one, not an array "
-            "kept in self",
+            "kept in self or in the function of b",
         )
+
+
+def _answers_of_one_function(subject: Subject) -> list[tuple[str, Any, Any]]:
+    """Return results of the function for one matrix with two right-hand sides, and copies made at once."""
+    case = next(_sibling_cases(subject))
+    matrix, *vectors = case.given
+    method = KINDS[subject.kind].methods[0]
+    function = getattr(subject.build(), method)(matrix)
+    one_function = SimpleNamespace(**{method: lambda _: function})
+    results = []
+    for factor in (1.0, -2.0):
+        given = (matrix, *(frozen_float(factor * vector) for vector in vectors))
+        x = plain(subject, one_function, replace(case, given=given))
+        results.append((case.name, x, x.copy()))
+    return results
 
 
 @law(*SIBLINGS)
