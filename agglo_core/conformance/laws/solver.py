@@ -220,7 +220,9 @@ def scales_with_the_data(subject: Subject, case: Case) -> None:
             "this norm only if it is nonzero",
         )
         common = min(len(it.residuals), len(unscaled.residuals))
-        residuals, expected = it.residuals[:common], data * np.asarray(unscaled.residuals[:common])
+        residuals, expected = (
+            factor * np.asarray(each.residuals[:common]) for factor, each in ((1.0, it), (data, unscaled))
+        )
         clear = expected >= 1e-9 * expected[0]  # rounding dominates below
         require(
             np.allclose(residuals[clear], expected[clear], rtol=1e-2),

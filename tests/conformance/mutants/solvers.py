@@ -186,7 +186,7 @@ class Direct:
             unit = sparse.diags_array(np.sqrt(hierarchy.fine.cell_measures))
             A, b = sparse.csr_array(unit @ A @ unit), unit @ b
         x = np.atleast_1d(spsolve(sparse.csc_array(A), b)) if b.any() else np.zeros(len(b))
-        norms = np.array([np.linalg.norm(b), np.linalg.norm(b - A @ x)])
+        norms = [np.linalg.norm(b), np.linalg.norm(b - A @ x)]  # a list is accepted
         fine = bool(norms[1] <= 1e-8 * norms[0])
         return Solution(
             x, A, b, [(A, None)], norms, fine, "solved" if fine else "singular", 1, {"solve": 0.0}
