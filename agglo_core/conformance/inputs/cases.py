@@ -210,18 +210,20 @@ def siblings(kind: str, *, partition: bool = False) -> Iterator[Case]:
 
 
 def _of_equal_trace(kind: str, recipe: DrawnMesh) -> Iterator[Case]:
-    """Yield cases whose matrices have equal size, trace, norm and entries, in reverse order."""
+    """Yield cases with matrices of equal size, trace, norm and entries, in reverse order, or other parts."""
     graph = recipe.mesh.graph
     A = laplacian_of(graph, "uneven")
-    for matrix in (A, sparse.csr_array(A[::-1, ::-1])):
-        level = level_of(graph, matrix, stripes(graph, 4), corrected=True)
+    layouts: tuple[Layout, ...] = ("strips", "strips", "grown")
+    for matrix, layout in zip((A, sparse.csr_array(A[::-1, ::-1]), A), layouts, strict=True):
+        name = f"64 cells in four parts ({layout})"
+        level = level_of(graph, matrix, drawn_labels(graph, layout, 4), corrected=True)
         if kind == "smoother":
-            yield question("64 cells, in reverse order", level)
+            yield question(name, level)
             continue
         step = coarsening_of(level, 1)
         b = frozen_float(1.0 + np.arange(len(level.labels)))
         given = {"transfer": (step,), "coarse_operator": (step, step.injected)}
-        yield Case("64 cells, in reverse order", given.get(kind, (step.A, b)))
+        yield Case(name, given.get(kind, (step.A, b)))
 
 
 def _cells_renumbered(case: Case) -> Case:

@@ -67,6 +67,17 @@ class Products:
         return sparse.csr_array(P.T @ sparse.csr_array(step.A) @ P)
 
 
+class KeepsTheTranspose:
+    """Restrict by the transpose of the first prolongation of equal shape."""
+
+    def __init__(self):
+        self.transposes = {}
+
+    def coarse_matrix(self, step, P):
+        PT = self.transposes.setdefault(P.shape, sparse.csr_array(P.T))
+        return PT @ sparse.csr_array(step.A) @ sparse.csr_array(P)
+
+
 class OnlyTheDiagonal(Products):
     def coarse_matrix(self, step, P):
         return sparse.csr_array(sparse.diags_array(super().coarse_matrix(step, P).diagonal()))
@@ -147,6 +158,7 @@ MUTANTS = [
     Mutant("coarse_energy_kept", OnlyTheDiagonal, "keep the couplings"),
     Mutant("coarse_error_reduced", Regularised, "solve exactly"),
     Mutant("nothing_carried_over", KeyedByTheTrace, "key a cache"),
+    Mutant("nothing_carried_over", KeepsTheTranspose, "key a cache"),
     Mutant("nothing_carried_over", OneBuffer, "return a new one"),
     Mutant("coarse_error_reduced", JustJacobi, "or iterate more"),
     Mutant("coarse_solver_symmetric", UntilItWillDo, "not linear", {"symmetric": True}),
