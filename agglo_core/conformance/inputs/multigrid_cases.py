@@ -39,6 +39,8 @@ class DrawnLevel(Recipe):
         Coarse parts, as in :func:`drawn_labels`.
     width : int
         Number of unknowns per cell.
+    mixing : float
+        Coupling of the unknowns of a cell: entries off the diagonal of a matrix of ones.
     couplings : str
         One of :data:`COUPLINGS`.
     shift : float
@@ -63,6 +65,7 @@ class DrawnLevel(Recipe):
     layout: Layout = "strips"
     parts: int = 2
     width: int = 1
+    mixing: float = 0.05
     couplings: Couplings = "even"
     shift: float = 0.05
     steps: int = 1
@@ -76,7 +79,7 @@ class DrawnLevel(Recipe):
         graph, seed = self.drawn.graph, self.drawn.drawn.seed
         labels = drawn_labels(graph, self.layout, self.parts, seed)
         A = self.unit * laplacian_of(graph, self.couplings, self.shift, seed)
-        level = level_of(graph, A, labels, per_cell=self.width, corrected=self.corrected, steps=self.steps)
+        level = level_of(graph, A, labels, self.width, self.mixing, self.corrected, self.steps)
         if self.rediscretised:
             level = replace(level, inherited=level.A + 0.5 * sparse.diags_array(level.A.diagonal()))
         return level
@@ -122,13 +125,19 @@ def laplacian_of(graph: Graph, couplings: Couplings = "even", shift: float = 0.0
 
 
 def level_of(
-    graph: Graph, scalar: Any, labels: Int, *, per_cell: int = 1, corrected: bool = False, steps: int = 2
+    graph: Graph,
+    scalar: Any,
+    labels: Int,
+    per_cell: int = 1,
+    mixing: float = 0.05,
+    corrected: bool = False,
+    steps: int = 2,
 ) -> MultigridLevel:
     """Return a multigrid level whose coarse unknowns are the parts of ``labels``.
 
     ``scalar`` is the matrix for one unknown per cell. Each patch is a cell with its neighbours.
     """
-    coupling = np.eye(per_cell) + 0.05 * (np.ones((per_cell, per_cell)) - np.eye(per_cell))
+    coupling = (1.0 - mixing) * np.eye(per_cell) + mixing * np.ones((per_cell, per_cell))
     A = sparse.csr_array(sparse.kron(scalar, coupling))
     inject = sparse.csr_array((np.ones(graph.n), (np.arange(graph.n), labels)))
     P = sparse.csr_array(sparse.kron(inject, sparse.eye_array(per_cell)))

@@ -212,13 +212,16 @@ def format_cases(draw: Draw, suffix: str) -> Case:
 
 
 @composite
-def levels(draw: Draw, sizes: Sequence[int] = (9, 1, 2, 4, 16, 30, 42, 63)) -> DrawnLevel:
+def levels(
+    draw: Draw, sizes: Sequence[int] = (9, 1, 2, 4, 16, 30, 42, 63), mixings: Sequence[float] = (0.05,)
+) -> DrawnLevel:
     """Draw the recipe of a multigrid level on a connected mesh."""
     return DrawnLevel(
         DrawnGraph(draw(meshes(sizes=sizes, connected=True, shifts=(0.0,)))),
         layout=draw(one_of_values(LAYOUTS[:3])),
         parts=draw(one_of_values((2, 1, 3, 5, 9))),
         width=draw(one_of_values((1, 1, 2, 3))),
+        mixing=draw(one_of_values(mixings)),
         couplings=draw(one_of_values(COUPLINGS)),
         shift=draw(one_of_values((0.05, 1.0))),
         steps=draw(one_of_values((1, 2, 3, 4))),
@@ -229,9 +232,12 @@ def levels(draw: Draw, sizes: Sequence[int] = (9, 1, 2, 4, 16, 30, 42, 63)) -> D
 
 
 @composite
-def smoother_cases(draw: Draw, subject: Subject) -> Case:
-    """Draw a level with right-hand side and approximation for a smoother."""
-    recipe: DrawnLevel = draw(levels())
+def smoother_cases(draw: Draw, subject: Subject, mixings: Sequence[float] = (0.05,)) -> Case:
+    """Draw a level with right-hand side and approximation for a smoother.
+
+    ``mixings`` are the couplings of the unknowns of a cell to choose from.
+    """
+    recipe: DrawnLevel = draw(levels(mixings=mixings))
     return recipe.case(subject.kind)
 
 
