@@ -12,7 +12,7 @@ from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
-from agglo_core.conformance.inputs.questions import answer, in_words, questions
+from agglo_core.conformance.inputs.questions import answer, digest, in_words, questions, same
 from agglo_core.conformance.inputs.strategies import mesh_cases
 from agglo_core.errors import AggloError
 from agglo_core.registry.containment import PLUGIN_FAILURES
@@ -47,10 +47,7 @@ def example_given(subject: Subject, case: Case) -> None:
         isinstance(example, _class_of(tool)),
         f"on {case.name}: example returned {in_words(example)}, expected a {_class_of(tool).__name__}",
     )
-    # Fields of dataclasses and named tuples; other classes keep their attributes in a dictionary.
-    names = [f.name for f in fields(example)] if is_dataclass(example) else []
-    names = names or list(getattr(example, "_fields", ())) or list(getattr(example, "__dict__", {}))
-    for name in names or ["no_such_attribute"]:
+    for name in _fields_of(example) or ["no_such_attribute"]:
         try:
             setattr(example, name, getattr(example, name, None))
         except PLUGIN_FAILURES:
@@ -58,9 +55,15 @@ def example_given(subject: Subject, case: Case) -> None:
         raise Broken(f"its attribute {name} can be set: make it a @dataclass(frozen=True)")
 
 
+def _fields_of(example: Any) -> list[str]:
+    """Return the fields of dataclasses and named tuples, or the attributes of other objects."""
+    names = [f.name for f in fields(example)] if is_dataclass(example) else []
+    return names or list(getattr(example, "_fields", ())) or list(getattr(example, "__dict__", {}))
+
+
 @law("problem")
 def table_read(subject: Subject) -> None:
-    """``from_table`` refuses unknown and missing keys by name with an AggloError, and changes no table."""
+    """``from_table`` names unknown or missing keys in an AggloError, and changes no table or default."""
     (mesh,) = questions(subject)[0].given
     tool = subject.build()
     for table in ({_UNKNOWN_KEY: 1.0}, {}, {"kind": "x", _UNKNOWN_KEY: {"1": 0.0}}):
@@ -81,3 +84,26 @@ def table_read(subject: Subject) -> None:
             f"the table {table} gave {in_words(result)}: give each key a default, or name the missing one "
             "in an OptionError",
         )
+    # Tables with one value of the example each, in two rounds.
+    tables = [{}, *({name: value} for name, value in _numbers_in(tool.example(mesh)).items())]
+    first, again = ([_read(tool, table, mesh) for table in tables] for _ in range(2))
+    for table, one, other in zip(tables, first, again, strict=True):
+        require(
+            same(one, other),
+            f"the table {table} gives another problem after {tables}: change no default in the class or the "
+            "module, but a copy (dict(defaults))",
+        )
+
+
+def _numbers_in(example: Any) -> dict[str, Any]:
+    """Return the fields of a problem that are numbers, texts or booleans, as in a file."""
+    pairs = {name: getattr(example, name) for name in _fields_of(example)}
+    return {name: value for name, value in pairs.items() if isinstance(value, bool | int | float | str)}
+
+
+def _read(tool: Any, table: dict[str, Any], mesh: Any) -> Any:
+    """Read a problem from a table, and return its hash, which is that of None if the table is refused."""
+    try:
+        return digest(tool.from_table(dict(table), mesh, Path()))
+    except PLUGIN_FAILURES:
+        return digest(None)

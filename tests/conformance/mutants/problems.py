@@ -111,6 +111,17 @@ class TakesOutKeys(Heat):
         return super().from_table(table, mesh, folder)
 
 
+_DEFAULTS = {"conductivity": 1.0, "source": 1.0}
+
+
+class ChangesTheDefaults(Heat):
+    @classmethod
+    def from_table(cls, table, mesh, folder):
+        super().from_table(table, mesh, folder)
+        _DEFAULTS.update((name, value) for name, value in table.items() if name != "kind")
+        return cls(**_DEFAULTS)
+
+
 @dataclass(frozen=True)
 class WithAFunction(Heat):
     source: object = None
@@ -151,6 +162,7 @@ MUTANTS = [
     Mutant("table_read", TakesAnyKey, "no_such_key"),
     Mutant("table_read", NeedsAKey, "a default"),
     Mutant("table_read", TakesOutKeys, "work on a copy"),
+    Mutant("table_read", ChangesTheDefaults, "a copy (dict(defaults))"),
     Mutant("same_seed_same_result", OtherExamples, "without a seed"),
     Mutant("pickles", WithAFunction, "no lambdas", {"pickles": True}),
 ]
