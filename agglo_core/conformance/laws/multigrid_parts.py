@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,9 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
-from agglo_core.conformance.inputs.questions import answer, in_words, plain
+from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
 from agglo_core.conformance.inputs.strategies import coarsening_cases
+from agglo_core.problems import CoarseSpace
 
 _EXAMPLES = 30  # drawn levels for each law
 
@@ -24,35 +26,27 @@ _EXAMPLES = 30  # drawn levels for each law
 @drawn_law("transfer", draw=coarsening_cases, examples=_EXAMPLES)
 def prolongation_fits(subject: Subject, case: Case) -> None:
     """The prolongation is sparse, with a row per unknown and independent columns grouped by coarse part."""
-    result = answer(subject, subject.build(), case)
-    P, step = getattr(result, "P", result), case.given[0]
-    n, parts = step.A.shape[0], int(step.coarse_labels.max()) + 1
-    require(
-        sparse.issparse(P) and P.dtype.kind == "f" and P.shape[0] == n and np.isfinite(P.data).all(),
-        f"on {case.name}: it returned {in_words(P)}, expected a sparse matrix of {n} rows of finite floats",
-    )
-    offsets = getattr(result, "block_offsets", None)
-    dealt = P.shape[1] > 0 and P.shape[1] % parts == 0
+    space = _space(subject, case)
+    P, offsets, parts = space.P, space.block_offsets, int(case.given[0].coarse_labels.max()) + 1
+    m = P.shape[1]
+    fits = m > 0 and m % parts == 0
     if offsets is not None:
-        dealt = len(offsets) == parts + 1 and offsets[0] == 0 and offsets[-1] == P.shape[1]
+        fits = np.shape(offsets) == (parts + 1,) and offsets[0] == 0 and offsets[-1] == m
+        fits = bool(fits and (np.diff(offsets) >= 0).all())
     require(
-        dealt,
-        f"on {case.name}: its {P.shape[1]} columns cannot be divided evenly among {parts} parts: return "
+        fits,
+        f"on {case.name}: its {m} columns cannot be divided evenly among {parts} parts: return "
         "CoarseSpace(P, block_offsets), whose offsets increase from 0 to the number of columns",
     )
     size = sparse.linalg.norm(P, axis=0)
     rank = np.linalg.matrix_rank(P.toarray() / np.where(size > 0.0, size, 1.0), tol=1e-8)
-    require(
-        rank == P.shape[1],
-        f"on {case.name}: {P.shape[1]} columns have rank {rank}: the coarse matrix would be singular",
-    )
+    require(rank == m, f"on {case.name}: {m} columns have rank {rank}: the coarse matrix would be singular")
 
 
 @drawn_law("transfer", draw=coarsening_cases, examples=_EXAMPLES)
 def near_null_kept(subject: Subject, case: Case) -> None:
     """Near-null vectors of the matrix lie nearly in the range of the prolongation."""
-    result, B = answer(subject, subject.build(), case), case.given[0].near_null
-    P = getattr(result, "P", result).toarray()
+    P, B = _space(subject, case).P.toarray(), case.given[0].near_null
     remainder = B - P @ np.linalg.lstsq(P, B, rcond=None)[0]
     share = float((np.linalg.norm(remainder, axis=0) / np.linalg.norm(B, axis=0)).max())
     require(
@@ -63,15 +57,30 @@ def near_null_kept(subject: Subject, case: Case) -> None:
     )
 
 
+def _space(subject: Subject, case: Case) -> CoarseSpace:
+    """Return the coarse space of a transfer, with P as a matrix of floats, as in a run."""
+    result = answer(subject, subject.build(), case)
+    space = result if isinstance(result, CoarseSpace) else CoarseSpace(result)
+    return replace(space, P=_matrix(case, space.P, (case.given[0].A.shape[0], None)))
+
+
+def _matrix(case: Case, given: Any, shape: tuple[int, int | None]) -> Any:
+    """Require a sparse matrix of finite numbers, and return it as a matrix of floats; None is any count."""
+    rows, columns = shape
+    numbers = sparse.issparse(given) and given.dtype.kind in "fiu" and given.shape[0] == rows
+    require(
+        numbers and columns in (None, given.shape[1]) and np.isfinite(given.sum()),
+        f"on {case.name}: it returned {in_words(given)}, expected a sparse matrix ({rows}, {columns or 'm'}) "
+        "of finite floats",
+    )
+    return sparse.csr_array(given, dtype=float)
+
+
 @drawn_law("coarse_operator", draw=coarsening_cases, examples=_EXAMPLES)
 def coarse_matrix_fits(subject: Subject, case: Case) -> None:
     """``coarse_matrix(step, P)`` is sparse, real and symmetric, with a row for each column of P."""
-    matrix, m = answer(subject, subject.build(), case), case.given[1].shape[1]
-    require(
-        sparse.issparse(matrix) and matrix.dtype.kind == "f" and matrix.shape == (m, m),
-        f"on {case.name}: it returned {in_words(matrix)}, expected a sparse matrix ({m}, {m}) of floats",
-    )
-    gap = float(np.abs((matrix - matrix.T).toarray()).max() / np.abs(matrix.toarray()).max())
+    C = _coarse_matrix(subject, case).toarray()
+    gap = float(np.abs(C - C.T).max() / np.abs(C).max())
     require(gap <= 1e-9, f"on {case.name}: C and its transpose differ by {gap:.1e}: restrict by Pᵀ")
 
 
@@ -79,7 +88,7 @@ def coarse_matrix_fits(subject: Subject, case: Case) -> None:
 def coarse_energy_kept(subject: Subject, case: Case) -> None:
     """The coarse energy v·C v lies between a tenth and ten times that of Pᵀ A P, for every v."""
     step, P = case.given
-    C = answer(subject, subject.build(), case).toarray()
+    C = _coarse_matrix(subject, case).toarray()
     galerkin = (sparse.csr_array(P).T @ sparse.csr_array(step.A) @ sparse.csr_array(P)).toarray()
     ratios = eigh(0.5 * (C + C.T), galerkin, eigvals_only=True)
     require(
@@ -89,14 +98,21 @@ def coarse_energy_kept(subject: Subject, case: Case) -> None:
     )
 
 
+def _coarse_matrix(subject: Subject, case: Case) -> Any:
+    """Return the matrix of a coarse operator as a matrix of floats."""
+    m = case.given[1].shape[1]
+    return _matrix(case, answer(subject, subject.build(), case), (m, m))
+
+
 @drawn_law("coarse_solver", draw=coarsening_cases, examples=_EXAMPLES)
 def coarse_error_reduced(subject: Subject, case: Case) -> None:
     """``solver_for(A)`` returns a function b ↦ x ``(n,)`` with relative energy error at most 10 %."""
     A, b = case.given
-    x = answer(subject, subject.build(), case)
+    result = answer(subject, subject.build(), case)
+    x = as_array(result)
     require(
-        isinstance(x, np.ndarray) and x.shape == b.shape and x.dtype.kind == "f",
-        f"on {case.name}: solve(b) returned {in_words(x)}, expected floats of shape {b.shape}",
+        x.shape == b.shape and x.dtype.kind == "f",
+        f"on {case.name}: solve(b) returned {in_words(result)}, expected floats of shape {b.shape}",
     )
     exact = np.atleast_1d(spsolve(sparse.csc_array(A), b))
     error = x - exact

@@ -16,7 +16,7 @@ from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs.cases import cases
-from agglo_core.conformance.inputs.questions import answer, in_words, plain, questions
+from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain, questions
 from agglo_core.conformance.inputs.strategies import smoother_cases
 from agglo_core.conformance.laws.multigrid_parts import require_linear_and_symmetric
 from agglo_core.registry.containment import PLUGIN_FAILURES
@@ -30,10 +30,11 @@ _GONE = 1e-8  # share of the error that counts as none
 def smoothed_array(subject: Subject, case: Case) -> None:
     """``setup(level)`` returns a function of (b, x) whose result is real with shape (n,)."""
     result = answer(subject, subject.build(), case)
+    x = as_array(result)
     require(
-        isinstance(result, np.ndarray) and result.shape == (case.size,) and result.dtype.kind == "f",
+        x.shape == (case.size,) and x.dtype.kind == "f",
         f"on {case.name}: smooth(b, x) returned {in_words(result)}, expected floats of shape "
-        f"({case.size},): return all of the new x as an array, not a correction, matrix or list",
+        f"({case.size},): return all of the new x, not a correction or matrix",
     )
 
 
@@ -130,7 +131,7 @@ def both_sides(subject: Subject, case: Case) -> None:
     x, r = _before(subject, case, b)
     for name, array in (("x", x), ("residual", r), ("x", _after(subject, case, b, np.array(case.given[2])))):
         require(
-            isinstance(array, np.ndarray) and array.shape == b.shape and array.dtype.kind == "f",
+            array.shape == b.shape and array.dtype.kind == "f",
             f"on {case.name}: {name} is {in_words(array)}, expected floats of shape {b.shape}: before(b) "
             "returns the pair (x, b − A x), after(b, x) the new x",
         )
@@ -170,11 +171,11 @@ def _before(subject: Subject, case: Case, b: Float) -> tuple[Any, Any]:
     pair = _call_method(subject, case, "before", b)
     if not isinstance(pair, tuple) or len(pair) != 2:
         raise Broken(f"on {case.name}: before(b) returned {in_words(pair)}, expected the pair (x, b − A x)")
-    return pair
+    return as_array(pair[0]), as_array(pair[1])
 
 
 def _after(subject: Subject, case: Case, b: Float, x: Float) -> Any:
-    return _call_method(subject, case, "after", b, np.array(x))  # x may be changed
+    return as_array(_call_method(subject, case, "after", b, np.array(x)))  # x may be changed
 
 
 def _call_method(subject: Subject, case: Case, method: str, *arguments: Float) -> Any:

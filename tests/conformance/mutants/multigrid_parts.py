@@ -30,6 +30,15 @@ class Described(Constants):
         return CoarseSpace(P, np.arange(0, P.shape[1] + 1, width))
 
 
+class WholeNumbers(Constants):
+    """Correct: numbers of eight bits and a list of offsets, which a run accepts."""
+
+    def prolongation(self, step):
+        P = super().prolongation(step)
+        width = int(step.block_offsets[1])
+        return CoarseSpace(P.astype(np.int8).tocoo(), list(range(0, P.shape[1] + 1, width)))
+
+
 class DenseProlongation(Constants):
     def prolongation(self, step):
         return super().prolongation(step).toarray()
@@ -93,6 +102,14 @@ class LU:
         return splu(sparse.csc_array(A)).solve
 
 
+class ReturnsLists(LU):
+    """Correct: lists, which a run accepts."""
+
+    def solver_for(self, A):
+        solve = super().solver_for(A)
+        return lambda b: solve(b).tolist()
+
+
 class KeyedByTheTrace(LU):
     """Reuse a factorisation for matrices of equal size and trace."""
 
@@ -143,8 +160,10 @@ _ALL = {"deterministic": True, "pickles": True}
 CORRECT = [
     (Constants, _ALL),
     (Described, _ALL),
+    (WholeNumbers, _ALL),
     (Products, _ALL),
     (LU, {**_ALL, "symmetric": True}),
+    (ReturnsLists, {**_ALL, "symmetric": True}),
     (UntilItWillDo, _ALL),
 ]
 

@@ -103,8 +103,15 @@ class _Changed(Jacobi):
 
 
 class ListOfNumbers(_Changed):
+    """Correct: a run accepts lists."""
+
     def after(self, x):
         return x.tolist()
+
+
+class Rounded(_Changed):
+    def after(self, x):
+        return np.rint(x).astype(np.int64)
 
 
 class AddsALittle(_Changed):
@@ -221,6 +228,7 @@ _ALL = {"deterministic": True, "pickles": True}
 CORRECT = [
     (Jacobi, {**_ALL, "symmetric": True}),
     (Forward, _ALL),
+    (ListOfNumbers, {**_ALL, "symmetric": True}),
     (BackAndForth, {**_ALL, "symmetric": True}),
     (SteepestDescent, _ALL),
     (SolvesExactly, {**_ALL, "symmetric": True}),
@@ -229,7 +237,7 @@ CORRECT = [
 MUTANTS = [
     Mutant("surroundings_kept", WritesIntoA, "work on a copy"),
     Mutant("answers", WritesIntoX, "change a copy"),
-    Mutant("smoothed_array", ListOfNumbers, "floats of shape"),
+    Mutant("smoothed_array", Rounded, "floats of shape"),
     Mutant("error_reduced", OneStep, "level.steps times"),
     Mutant("solution_kept", SmoothsTheInherited, "with the matrix level.A"),
     Mutant("solution_kept", AddsALittle, "b − A x"),
