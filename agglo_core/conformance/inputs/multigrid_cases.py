@@ -41,6 +41,10 @@ class DrawnLevel(Recipe):
         Number of unknowns per cell.
     mixing : float
         Coupling of the unknowns of a cell: entries off the diagonal of a matrix of ones.
+    uneven : bool
+        Omit the last unknown of one cell in steps to the coarser level, if cells have several.
+    rotated : bool
+        Add a rotation to the near-null vectors, if cells have several unknowns and are at least 16.
     couplings : str
         One of :data:`COUPLINGS`.
     shift : float
@@ -66,6 +70,8 @@ class DrawnLevel(Recipe):
     parts: int = 2
     width: int = 1
     mixing: float = 0.05
+    uneven: bool = False
+    rotated: bool = False
     couplings: Couplings = "even"
     shift: float = 0.05
     steps: int = 1
@@ -94,7 +100,9 @@ class DrawnLevel(Recipe):
     def coarsening(self) -> tuple[Coarsening, Any]:
         """The arguments of a coarse operator: the step to the coarser level, and its prolongation."""
         step = coarsening_of(self.level, self.width)
-        return step, step.injected
+        if self.width > 1 and self.rotated and self.drawn.graph.n >= 16:
+            step = _with_rotation(step, self.drawn.graph)
+        return _without_some(step) if self.width > 1 and self.uneven else (step, step.injected)
 
     @property
     def system(self) -> tuple[Any, Float]:
@@ -164,6 +172,38 @@ def coarsening_of(level: MultigridLevel, width: int) -> Coarsening:
 
     near_null = frozen_float(np.kron(np.ones((n, 1)), np.eye(width)))
     return Coarsening(A, level.block_offsets, level.labels, parents, parents, near_null, P, rediscretised)
+
+
+def _with_rotation(step: Coarsening, graph: Graph) -> Coarsening:
+    """Add a rotation of the first two unknowns about the mean centroid to the near-null vectors."""
+    assert step.near_null is not None
+    x, y = (graph.centroids - graph.centroids.mean(axis=0))[:, :2].T / np.ptp(graph.centroids)
+    rotation = np.zeros(step.near_null.shape[:1])
+    width = step.near_null.shape[1]
+    rotation[::width], rotation[1::width] = -y, x
+    return replace(step, near_null=frozen_float(np.column_stack((step.near_null, rotation))))
+
+
+def _without_some(step: Coarsening) -> tuple[Coarsening, Any]:
+    """Omit the last unknown of a cell, and return the step and the prolongation of constants.
+
+    The cell is the one with fewest neighbours, so that no other cell becomes isolated. The unknowns of a
+    cell are not coupled, so that constants remain near-null vectors.
+    """
+    assert step.near_null is not None
+    width = int(step.block_offsets[1])
+    cell = int(np.diff(step.A.indptr).argmin())
+    kept = np.delete(np.arange(step.A.shape[0]), width * cell + width - 1)
+    offsets = frozen_int(np.searchsorted(kept, step.block_offsets))
+    P = sparse.csr_array(step.injected)[kept]
+    P = P[:, np.flatnonzero(abs(P).sum(axis=0))]
+    links = sparse.coo_array(step.A)
+    rows, columns = links.coords
+    links.data[rows % width != columns % width] = 0.0
+    shifts, links = links.sum(axis=1)[kept], sparse.csr_array(links)[kept][:, kept]
+    A = sparse.csr_array(links + sparse.diags_array(shifts - links.sum(axis=1)))
+    near_null = frozen_float(step.near_null[kept])
+    return Coarsening(A, offsets, step.labels, step.coarse_labels, step.parents, near_null), P
 
 
 def question(name: str, level: MultigridLevel) -> Case:

@@ -244,8 +244,14 @@ def smoother_cases(draw: Draw, subject: Subject, mixings: Sequence[float] = (0.0
 @composite
 def coarsening_cases(draw: Draw, subject: Subject) -> Case:
     """Draw a test case for a transfer, coarse operator or coarse solver, with nearly singular matrices."""
-    sizes = (9, 1, 2, 4, 16, 42, 63) if subject.kind != "coarse_solver" else (9, 1, 2, 16, 63, 200, 400)
+    special = {"transfer": (16, 1, 4, 9, 30, 63), "coarse_solver": (9, 1, 2, 16, 63, 200, 400)}
+    sizes = special.get(subject.kind, (9, 1, 2, 4, 16, 42, 63))
     recipe: DrawnLevel = replace(draw(levels(sizes)), shift=draw(one_of_values((0.05, 1.0, 1e-6))))
+    if subject.kind == "transfer":
+        flags = (False, True)
+        width, uneven = draw(one_of_values((2, 1, 3))), draw(rarely(flags))
+        recipe = replace(recipe, width=width, uneven=uneven, rotated=not uneven)
+        recipe = replace(recipe, couplings="even") if uneven else recipe
     return recipe.case(subject.kind)
 
 

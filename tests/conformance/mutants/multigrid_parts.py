@@ -7,12 +7,15 @@ from conformance.mutants.mutant import Mutant
 from scipy import sparse
 from scipy.sparse.linalg import cg, splu
 
+from agglo_core.errors import OptionError
 from agglo_core.problems import CoarseSpace
 
 
 def constants(step):
     """Return the piecewise constant prolongation, with a coarse unknown per unknown of a cell."""
-    width = int(step.block_offsets[1])
+    width, *others = np.unique(np.diff(step.block_offsets))
+    if others:
+        raise OptionError("parts with unequal numbers of unknowns are not supported")
     ones = np.ones(len(step.parents))
     inject = sparse.csr_array((ones, (np.arange(len(ones)), step.parents)))
     return sparse.csr_array(sparse.kron(inject, sparse.eye_array(width)))
@@ -23,11 +26,42 @@ class Constants:
         return constants(step)
 
 
-class Described(Constants):
+class Described:
+    """Constants for parts with unequal numbers of unknowns, with coarse near-null vectors."""
+
     def prolongation(self, step):
-        P = super().prolongation(step)
-        width = int(step.block_offsets[1])
-        return CoarseSpace(P, np.arange(0, P.shape[1] + 1, width))
+        sizes = self.sizes(step)
+        part = np.repeat(np.arange(len(sizes)), sizes)
+        place = np.arange(len(part)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+        keys, columns = np.unique([step.parents[part], place], axis=1, return_inverse=True)
+        P = sparse.csr_array((np.ones(len(part)), (np.arange(len(part)), columns.ravel())))
+        offsets = np.searchsorted(keys[0], np.arange(step.parents.max() + 2))
+        return CoarseSpace(P, offsets, self.coarse(P, step.near_null))
+
+    def sizes(self, step):
+        return np.diff(step.block_offsets)
+
+    def coarse(self, P, near_null):
+        return (P.T @ near_null) / P.sum(axis=0)[:, None]  # means
+
+
+class MeanSizes(Described):
+    """Unknowns numbered as if all parts had the largest mean number, rounded up."""
+
+    def sizes(self, step):
+        n, parts = step.A.shape[0], len(step.parents)
+        return np.diff(np.minimum(-(-n // parts) * np.arange(parts + 1), n))
+
+    def coarse(self, P, near_null):
+        return None
+
+
+class SumsOnly(Described):
+    """Coarse near-null vectors without the values of rotations."""
+
+    def coarse(self, P, near_null):
+        coarse = super().coarse(P, near_null)
+        return np.column_stack((coarse[:, :1], np.zeros_like(coarse[:, 1:])))
 
 
 class WholeNumbers(Constants):
@@ -171,6 +205,8 @@ MUTANTS = [
     Mutant("prolongation_fits", DenseProlongation, "expected a sparse matrix"),
     Mutant("prolongation_fits", OneColumnMore, "cannot be divided evenly"),
     Mutant("prolongation_fits", TwiceTheSame, "have rank"),
+    Mutant("near_null_kept", MeanSizes, "outside the range"),
+    Mutant("near_null_kept", SumsOnly, "the coarse ones"),
     Mutant("near_null_kept", Differences, "outside the range"),
     Mutant("coarse_matrix_fits", DenseProducts, "expected a sparse matrix"),
     Mutant("coarse_matrix_fits", RestrictsDifferently, "its transpose"),
