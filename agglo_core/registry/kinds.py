@@ -100,7 +100,7 @@ _RECORDS = (
         "builds an example mesh",
         (),
         ("3d",),
-        ("general", "sample_mesh", "whole", "calls", "promises"),
+        ("general", "sample_mesh", "whole", "calls", "promises", "runs"),
     ),
     Kind(
         "problem",

@@ -88,6 +88,7 @@ def forbidden_by(member: Member, graph: Graph) -> Mask:
     with attributed(member.title):
         mask = plain_array(member.tool.forbidden(graph), "the result of forbidden", PluginError)
     shape = graph.indices.shape
+    mask = mask if mask.size else np.zeros(0, bool)  # an empty list has no type
     if mask.shape != shape or mask.dtype != bool:
         raise PluginError(
             f"{member.title}: forbidden returned shape {mask.shape} of {mask.dtype}, "

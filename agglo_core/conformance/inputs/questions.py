@@ -218,8 +218,12 @@ def _raises_ours(subject: Subject, case: Case) -> bool:
 
 
 def plain(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:
-    """Call a component, and return its result as an array: sides, labels, values or solution, else a hash."""
-    result = answer(subject, tool, case)
+    """Call a component, and return its result as an array (see :func:`in_array`)."""
+    return in_array(subject, case, answer(subject, tool, case))
+
+
+def in_array(subject: Subject, case: Case, result: Any) -> NDArray[Any]:
+    """Return a result as an array: sides, labels, values or unknowns, else a hash."""
     if subject.kind not in _IN_ARRAYS:
         return digest(result)
     values = np.asarray(result.x if isinstance(result, Solution) else result)

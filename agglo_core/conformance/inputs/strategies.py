@@ -281,6 +281,6 @@ def section_cases(draw: Draw, subject: Subject) -> Case:
     """Draw a mesh and runs for a section of the report, with names that need escapes."""
     recipe = draw(meshes((*PLANE, *SOLID[:2]), (9, 1, 4, 30)))
     name = draw(one_of_values((UNSAFE, "<script>alert(1)</script>", "a<b & c", '" onload="alert(1)')))
-    completed = draw(rarely((True, False)))
+    recipe, completed = replace(recipe, tags=((name, "small"),)), draw(rarely((True, False)))
     case = report_case(replace(recipe.mesh, name=name), name, completed=completed)
     return replace(case, code=f"mesh = {recipe!r}.mesh\nname = {name!r}")

@@ -21,6 +21,7 @@ from agglo_core.conformance.inputs.questions import answer, in_words
 from agglo_core.conformance.inputs.strategies import constraint_cases
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
+from agglo_core.mesh import Mesh
 
 _EXAMPLES = 40  # drawn meshes for each law
 
@@ -34,7 +35,7 @@ def masks(subject: Subject, case: Case) -> None:
     answers = _answer_unless_refused(subject, case)
     for method, mask in answers.items():
         require(
-            mask.shape == (lengths[method],) and mask.dtype == bool,
+            mask.shape == (lengths[method],) and (mask.dtype == bool or not mask.size),
             f"on {case.name}: {method} returned {in_words(mask)}, expected booleans of shape "
             f"({lengths[method]},)",
         )
@@ -85,6 +86,38 @@ def bound_to_its_mesh(subject: Subject, case: Case) -> None:
             np.array_equal(before[method], mask),
             f"on {later.name}: {method} answers differently: return a new object from for_mesh",
         )
+
+
+@drawn_law("constraint", draw=constraint_cases, examples=_EXAMPLES)
+def large_tags(subject: Subject, case: Case) -> None:
+    """A constraint that gives equal masks for the tags 1, 2, … and 6, 7, … does so for large values."""
+    mesh, labels = case.given
+    small, shifted, *large = (
+        _answer_unless_refused(subject, replace(case, given=(_retagged(mesh, *change), labels)))
+        for change in ((1, 0), (1, 5), (256, 0), (1, 2_100_000))
+    )
+    for method in small.keys() & shifted.keys():
+        by_value = not np.array_equal(small[method], shifted[method])
+        require(
+            by_value or all(np.array_equal(small[method], masks.get(method, ())) for masks in large),
+            f"on {case.name}: {method} answers differently where the tags 1, 2, … are 256, 512, … or "
+            "2,100,001, …: compare tags as integers of 64 bits",
+        )
+
+
+def _retagged(mesh: Mesh, factor: int, shift: int) -> Mesh:
+    """Replace the positive values of each tag by factor · 1 + shift, factor · 2 + shift, …"""
+
+    def renumber(tag: Int) -> Int:
+        values, place = np.unique(tag, return_inverse=True)
+        rank = place - int((values <= 0).sum()) + 1
+        return frozen_int(np.where(tag > 0, factor * rank + shift, tag))
+
+    return replace(
+        mesh,
+        cell_tags={name: renumber(tag) for name, tag in mesh.cell_tags.items()},
+        face_tags={name: renumber(tag) for name, tag in mesh.face_tags.items()},
+    )
 
 
 @drawn_law("constraint", draw=constraint_cases, examples=_EXAMPLES)

@@ -16,7 +16,6 @@ from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
-from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.questions import (
     answer,
     as_array,
@@ -167,14 +166,22 @@ def connected_left_alone(subject: Subject, case: Case) -> None:
     )
 
 
-@law("fixer")
-def disconnected_block_refused(subject: Subject) -> None:
-    """A disconnected block is refused with a ValueError, because no labels can fix it."""
-    graph = small_meshes.two_grids().graph
-    try:
-        plain(subject, subject.build(), Case("two components", (graph, frozen_int(np.zeros(graph.n)))))
-    except Broken as error:
-        if isinstance(error.__cause__, ValueError):
-            return
-        raise
-    raise Broken("a disconnected block was accepted: raise a ValueError, because no labels can fix it")
+@drawn_law(
+    "refiner",
+    draw=graph_cases,
+    when=lambda subject: bool(getattr(subject.build(), "tests_moves", False)),
+)
+def moves_tested(subject: Subject, case: Case) -> None:
+    """With ``tests_moves`` no part becomes wider than ``target.h_star``."""
+    graph, labels, _, target = case.given
+    if target.h_star is None:
+        return
+    parts = numbered_parts(graph, labels)
+    result = numbered_parts(graph, frozen_int(plain(subject, subject.build(), case)))
+    before, after = graph.part_diameters(parts), graph.part_diameters(result)
+    limit = max(target.h_star, float(before.max())) * (1.0 + 1e-9)
+    require(
+        after.max() <= limit,
+        f"on {case.name}: a part of diameter {after.max():.6g} was made, at most {limit:.6g} are allowed: "
+        "refuse such moves, or leave out tests_moves",
+    )

@@ -45,7 +45,7 @@ def static_html(subject: Subject, case: Case) -> None:
     html = answer(subject, subject.build(), case)
     require(isinstance(html, str), f"{case.name}: html returned {in_words(html)}, expected a string")
     mesh, runs = case.given
-    texts = [mesh.name, *(text for run in runs for text in (run.name, run.error))]
+    texts = [mesh.name, *mesh.cell_tags, *(text for run in runs for text in (run.name, run.error))]
     raw = [text for text in texts if "<" in text and text in html]
     require(not raw, f"{case.name}: html contains {raw} unescaped, tags included: use html.escape(name)")
     active = _ActiveTags(html).found

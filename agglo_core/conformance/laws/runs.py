@@ -69,7 +69,7 @@ def grows_alike(subject: Subject) -> None:
         raise Broken(f"a run with it failed: {error}") from error
 
 
-@law(*SIBLINGS, when=can_be_sent)
+@law(*SIBLINGS, "sample", when=can_be_sent)
 def same_in_another_process(subject: Subject) -> None:
     """Another process with other hash values, threads and current folder gives equal results."""
     test_cases, tool = cases_elsewhere(subject), subject.build()

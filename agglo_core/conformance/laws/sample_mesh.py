@@ -61,10 +61,12 @@ def _values(option: Option) -> list[Any]:
     if isinstance(default, Enum):
         return list(type(default))
     if isinstance(default, bool):
-        return [not default]
+        return [False, True]
     if isinstance(default, int):
         return [2, 3, 5, 7, 10]
-    return [0.5 * default + 0.1, 2.0 * default + 0.3] if isinstance(default, float) else []
+    if isinstance(default, float):
+        return [default, 0.9 * default, 1.1 * default + 0.01, 0.5 * default + 0.1, 2.0 * default + 0.3]
+    return []
 
 
 def _made(subject: Subject, options: Mapping[str, Any]) -> Any:
@@ -106,10 +108,10 @@ def options_matter(subject: Subject) -> None:
     for option in options_of(subject.target) or ():
         compared = 0
         for others in _choices(subject, but=option.name):
-            meshes = [_made(subject, others | {option.name: value}) for value in _values(option)]
-            hashes = {digest(mesh).tobytes() for mesh in meshes if mesh is not None}
-            compared += len(hashes) > 0 and len(meshes) > 1
-            if len(hashes) > 1:
+            made = [_made(subject, others | {option.name: value}) for value in _values(option)]
+            meshes = [mesh for mesh in made if mesh is not None]
+            compared += len(meshes) > 1
+            if len({digest(mesh).tobytes() for mesh in meshes}) > 1:
                 break
         else:
             require(

@@ -93,6 +93,12 @@ class PlaneConstraint(Regions):
         return super().forbidden(graph)
 
 
+class SmallTags(Regions):
+    def forbidden(self, graph):
+        tag = graph.data["region"].astype(np.uint8)
+        return tag[_rows(graph)] != tag[graph.indices]
+
+
 class OneLayerForAll:
     """The layer of the last mesh is that of all."""
 
@@ -124,6 +130,7 @@ MUTANTS = [
     Mutant("masks", OnePerCell, "booleans of shape"),
     Mutant("masks", OneWay, "stores each edge twice"),
     Mutant("numbering_ignored", ByNumber, "not cell numbers"),
+    Mutant("large_tags", SmallTags, "64 bits"),
     Mutant("bound_to_its_mesh", OneLayerForAll, "return a new object"),
     Mutant("constraint_kept", ForbidsAll, "too few parts"),
     Mutant("pieces_admissible", AtLeastTwo, "cannot be split"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 from conformance.mutants.mutant import Mutant
@@ -10,6 +11,7 @@ from conformance.mutants.mutant import Mutant
 from agglo_core.conformance.laws.parts import loose_parts
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.refine.connectivity import ConnectivityFixer
+from agglo_core.refine.interface import InterfaceRefiner
 
 
 class Idle:
@@ -132,12 +134,11 @@ class NeverDone(Fix):
         return _swapped(fixed) if own and (fixed == labels).all() else fixed
 
 
-class AcceptsDisconnected(Fix):
-    def fix(self, graph, labels):
-        try:
-            return super().fix(graph, labels)
-        except ValueError:
-            return labels
+class IgnoresTheSize(InterfaceRefiner):
+    tests_moves = True
+
+    def refine(self, graph, labels, seeds, target):
+        return super().refine(graph, labels, seeds, replace(target, h_star=None))
 
 
 class CountsBlocks(Fix):
@@ -171,6 +172,6 @@ MUTANTS = [
     Mutant("components_not_raised", DoesNothing, "give every piece"),
     Mutant("connected_left_alone", SwapsConnected, "leave such blocks unchanged"),
     Mutant("connected_left_alone", NeverDone, "leave such blocks unchanged"),
-    Mutant("disconnected_block_refused", AcceptsDisconnected, "raise a ValueError"),
+    Mutant("moves_tested", IgnoresTheSize, "leave out tests_moves"),
     Mutant("a_level_is_its_blocks", CountsBlocks, "within each block"),
 ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from conformance.mutants.mutant import Mutant
 
@@ -68,6 +70,11 @@ def ignores_the_seed(seed: int = 0) -> Mesh:
     return bars(3)
 
 
+def hashed() -> Mesh:
+    """Return a bar with a tag by the hash of a name, which differs from process to process."""
+    return replace(bars(3), cell_tags={"name": np.full(3, hash("name") % 2**31)})
+
+
 def clips(n: int = 3) -> Mesh:
     """Return a bar with ``n`` cells, but at most 8."""
     return bars(min(n, 8))
@@ -97,6 +104,7 @@ MUTANTS = [
     Mutant("sample_is_mesh", cracked, "give each point one number", kind="sample"),
     Mutant("sample_in_space", flat, "drop the promise", {"3d": True}, kind="sample"),
     Mutant("same_seed_same_result", unseeded, "without a seed", kind="sample"),
+    Mutant("same_in_another_process", hashed, "hash() of a string", kind="sample"),
     Mutant("surroundings_kept", from_global_state, "default_rng", kind="sample"),
     Mutant("surroundings_kept", talks, "logging", kind="sample"),
 ]
