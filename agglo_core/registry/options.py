@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from typing import Any, Optional, TypeGuard
+from typing import Any, ForwardRef, Optional, TypeGuard
 
 from agglo_core.errors import OptionError
 from agglo_core.registry.code_options import is_written, names_code
@@ -157,6 +157,8 @@ def _annotation(target: Callable[..., Any], parameter: inspect.Parameter) -> Any
     A string annotation is evaluated; the result is empty if the evaluation fails.
     """
     annotation = parameter.annotation
+    if isinstance(annotation, ForwardRef):  # the text of an annotation of a named tuple
+        annotation = annotation.__forward_arg__
     if not isinstance(annotation, str):
         return annotation
     function: Any = target.__init__ if isinstance(target, type) else target  # type: ignore[misc]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from enum import Enum
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pytest
@@ -205,6 +205,14 @@ def test_toml_and_the_command_line_agree(tmp_path: Path) -> None:
         Pipeline.from_toml(file).run(samples.squares(4))
     with pytest.raises((OptionError, PluginError), match="given '4'"):
         Pipeline(bisector=("kmeans", {"iterations": "4"}), n_parts=4).run(samples.squares(4))
+
+
+class Rounds(NamedTuple):
+    rounds: int = 3
+
+
+def test_options_of_a_named_tuple_have_their_types() -> None:
+    assert [option.type for option in options_of(Rounds) or ()] == [int]
 
 
 def test_an_option_knows_its_type_in_words() -> None:
