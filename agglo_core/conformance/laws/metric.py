@@ -235,7 +235,7 @@ def better_is_better(subject: Subject) -> None:
     worst = []
     for framed in (False,) if relative else (False, True):
         squares, others = layouts(framed)
-        values = plain(subject, tool, squares)[:16]
+        values = plain(subject, tool, squares)[:16].astype(float)
         require(np.isfinite(values).all(), f"on {squares.name}: values are {values}, expected finite values")
         if np.ptp(values) > _CIRCLES * np.abs(values).max() or _declares(subject, "directional"):
             return  # the metric depends on position

@@ -63,7 +63,7 @@ def _largest_eigenvalue(A: Any, inverse: Any) -> float:
     ksp.setType("cg")
     ksp.getPC().setType("mat")
     ksp.setNormType(PETSc.KSP.NormType.NONE)
-    ksp.setTolerances(max_it=_STEPS)
+    ksp.setTolerances(max_it=min(_STEPS, A.getSize()[0]))  # more steps than unknowns break down
     ksp.setComputeEigenvalues(True)
     # 2. Start vector
     rows = np.arange(*A.getOwnershipRange())

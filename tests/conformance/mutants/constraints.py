@@ -51,10 +51,10 @@ class Moody(AtMostNine):
 
 
 class Small:
-    """Mark parts with at most eight cells as incomplete."""
+    """Mark parts with a single cell as incomplete."""
 
     def incomplete(self, graph, labels):
-        return np.bincount(labels) <= 8
+        return np.bincount(labels) <= 1
 
 
 class OtherTag(Regions):

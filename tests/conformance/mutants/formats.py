@@ -65,6 +65,8 @@ class Archive:
         return mesh, Hierarchy(mesh, mesh.graph, levels, targets, nested=True) if levels else None
 
     def write(self, path, mesh, hierarchy=None):
+        if hierarchy is not None and not hierarchy.nested:
+            raise FileError(f"{path}: an archive holds nested levels only")
         arrays = {name: getattr(mesh, name) for name in _PARTS}
         arrays |= {f"c_{name}": values for name, values in mesh.cell_tags.items()}
         arrays |= {f"f_{name}": values for name, values in mesh.face_tags.items()}
