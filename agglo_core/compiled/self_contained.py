@@ -21,13 +21,14 @@ from agglo_core.compiled import compile_lock
 
 
 class _KernelLibrary(JITCodeLibrary):
-    """Machine code of one kernel, which computes the same in every process, whatever is compiled before.
+    """Machine code of one kernel, independent of what the process compiled before.
 
     Sums that the compiler may reorder are rounded as it happens to optimise them. On symmetric meshes two
     kernels with different rounding break the same tie differently.
     """
 
     reorders_sums = False
+    """Whether other kernels must call this kernel and not inline it, so that its sums are rounded alike."""
 
     def _optimize_final_module(self) -> None:
         # Kernels that call this one link a copy that is not optimised yet. Numba would link the optimised
