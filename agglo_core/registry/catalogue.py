@@ -290,7 +290,9 @@ class Registry:
         records = self._records()
         states = {r.name: "" if r.state == "ok" else f" ({r.state})" for r in records if r.kind == kind}
         available = ", ".join(f"{component}{state}" for component, state in sorted(states.items())) or "none"
-        failures = "; ".join(f"{describe(r)}: {r.reason}" for r in records if r.kind == "plugin")
+        # A component of this name but of another kind is listed too, because its kind may be misspelt.
+        broken = [r for r in records if r.kind == "plugin" or (r.name == name and r.state == "broken")]
+        failures = "; ".join(f"{describe(r)}: {r.reason}" for r in broken)
         return f"no {kind} is named {name!r}{did_you_mean(name, states)}; available: {available}" + (
             f"; plugins that cannot be used: {failures}" if failures else ""
         )

@@ -297,6 +297,54 @@ def test_one_cause_is_reported_once() -> None:
     assert set(messages.values()) == {"the same fault as in declares_itself"}
 
 
+class CannotBeBuilt:
+    """A bisector whose constructor fails."""
+
+    def __init__(self) -> None:
+        raise ValueError("no weights")
+
+    def bisect(self, graph: Any, rng: Any) -> Any:
+        return graph.centroids[:, 0] > 0
+
+
+def test_a_component_that_cannot_be_built_breaks_one_law() -> None:
+    for chosen in ((), ("two_sides",)):
+        (result,) = check(CannotBeBuilt, laws=chosen)
+        assert (result.law, result.state) == ("builds", "FAILS")
+        assert result.message == "building it raised ValueError: no weights"
+
+
+class TakesNoGenerator:
+    """A bisector without the argument ``rng``."""
+
+    def bisect(self, graph: Any) -> Any:
+        return graph.centroids[:, 0] > 0
+
+
+class ListsOfCells:
+    """A bisector that returns the cells of both sides, in two arrays."""
+
+    def bisect(self, graph: Any, rng: Any) -> Any:
+        order = np.argsort(graph.centroids[:, 0], kind="stable")
+        return order[: graph.n // 2], order[graph.n // 2 :]
+
+
+@pytest.mark.parametrize(
+    ("component", "law", "says"),
+    [
+        (TakesNoGenerator, "answers", "takes 2 positional arguments but 3 were given. Agglo could not call"),
+        (ListsOfCells, "side_array", "it returned a tuple"),
+    ],
+)
+def test_a_wrong_call_or_form_is_one_cause(component: type, law: str, says: str) -> None:
+    failures = {r.law: r for r in check(component) if not r.passed}
+    assert {r.state for r in failures.values()} == {"FAILS"}
+    assert says in failures.pop(law).message
+    alike = [r.message == f"the same fault as in {law}" for r in failures.values()]
+    assert sum(alike) == len(alike) - 1 >= 6
+    assert "a run with it failed" in failures["works_in_a_run"].message
+
+
 class FailsOnTags(Halves):
     """A bisector that cannot split meshes with the tag ``region``."""
 

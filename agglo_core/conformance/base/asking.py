@@ -82,7 +82,12 @@ def _sides(tool: Any, graph: Graph, seeds: UInt64, target: Target | None = None)
             tool.partition(block, target or Target(parts=min(2, block.n)), int(seed))
             for block, seed in zip(blocks, seeds, strict=True)
         ]
-    return answers[0] if len(answers) == 1 else np.concatenate([np.atleast_1d(a) for a in answers])
+    if len(answers) == 1:
+        return answers[0]
+    try:
+        return np.concatenate([np.atleast_1d(a) for a in answers])
+    except ValueError:  # of different dimensions, or ragged: the laws report the form
+        return answers
 
 
 def _read_back(tool: Any, mesh: Mesh, suffix: str) -> Any:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 ATTRIBUTES = "required attributes"
 """Cause of failures by attributes that are missing or invalid."""
+FORM = "form of the result"
+"""Cause of failures by a result of another type or shape."""
 
 
 class Broken(Exception):

@@ -71,20 +71,21 @@ class Result:
 def laws_for(subject: Subject, names: Iterable[str] = ()) -> Sequence[Law]:
     """Return the laws that apply to the component under test, in the order of testing.
 
-    With ``names``, only these laws. The list is never empty.
+    With ``names``, only these laws. Of a component that cannot be built, only ``builds`` is judged. The list
+    is never empty.
 
     Raises
     ------
     OptionError
         If the component cannot be built without an option, its kind has no laws, or a law does not apply.
     """
-    before = Snapshot()
+    before, built = Snapshot(), True
     try:
         subject.make()
     except OptionError:
         raise
-    except PLUGIN_FAILURES:  # reported by the law builds
-        pass
+    except PLUGIN_FAILURES:
+        built = False
     finally:
         subject.disturbed.extend(before.changed())
         before.restore()
@@ -98,6 +99,8 @@ def laws_for(subject: Subject, names: Iterable[str] = ()) -> Sequence[Law]:
                 f"no law for this {subject.kind} is named {name!r}{did_you_mean(name, applicable)}; "
                 f"applicable: {', '.join(applicable)}"
             )
+    if not built:
+        chosen = ["builds"]
     return [law for law in laws if not chosen or law.name in chosen]
 
 

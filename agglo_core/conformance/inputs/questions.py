@@ -19,7 +19,7 @@ from agglo_core.conformance.base.asking import ask
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.drawing import examples_of
 from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import Broken
+from agglo_core.conformance.base.verdict import FORM, Broken
 from agglo_core.conformance.inputs.cases import (
     ON_GRAPHS,
     cases,
@@ -57,7 +57,8 @@ def answer(subject: Subject, tool: Any, case: Case) -> Any:
     except Broken:
         raise
     except PLUGIN_FAILURES as error:
-        raise Broken(f"on {case.name}: {_blame(subject, tool, error)}") from error
+        cause = f"{type(error).__name__}: {error}" if _rejects_arguments(error) else ""
+        raise Broken(f"on {case.name}: {_blame(subject, tool, error)}", cause) from error
 
 
 def as_array(given: Any) -> NDArray[Any]:
@@ -226,11 +227,12 @@ def in_array(subject: Subject, case: Case, result: Any) -> NDArray[Any]:
     """Return a result as an array: sides, labels, values or unknowns, else a hash."""
     if subject.kind not in _IN_ARRAYS:
         return digest(result)
-    values = np.asarray(result.x if isinstance(result, Solution) else result)
+    values = as_array(result.x if isinstance(result, Solution) else result)
     if values.dtype.kind not in "iubf" or values.ndim != 1 or case.size not in (None, len(values)):
         raise Broken(
             f"on {case.name}: {in_words(result)} is not a valid answer; fix the failure of the earlier law "
-            "first"
+            "first",
+            FORM,
         )
     sides = subject.kind == "bisector" and len(case.given) == 2
     return values >= 0.5 if sides and values.dtype.kind == "f" else values
@@ -318,8 +320,20 @@ def global_random(seed: int) -> Iterator[Callable[[], bool]]:
             torch.set_rng_state(before[2])
 
 
+def _rejects_arguments(error: BaseException) -> bool:
+    """Return True for the TypeError of a method that does not accept the arguments of the call."""
+    return isinstance(error, TypeError) and (
+        traceback.extract_tb(error.__traceback__)[-1].filename == ask.__code__.co_filename
+    )
+
+
 def _blame(subject: Subject, tool: Any, error: BaseException) -> str:
     """Describe an exception with the source line in the component, and its remedy."""
+    if _rejects_arguments(error):
+        return (
+            f"it raised TypeError: {error}. Agglo could not call it: compare the arguments of its methods "
+            "with the protocol of its kind in agglo_core.protocols"
+        )
     home = sys.modules.get(type(tool).__module__)
     frames = traceback.extract_tb(error.__traceback__)
     component_frames = [

@@ -13,7 +13,7 @@ from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.base.verdict import FORM, require
 from agglo_core.conformance.inputs.cases import kway_case, large_cases
 from agglo_core.conformance.inputs.questions import (
     answer,
@@ -47,6 +47,7 @@ def side_array(subject: Subject, case: Case) -> None:
         sides.shape == (case.size,) and sides.dtype.kind in "iubf",
         f"on {case.name}: it returned {in_words(result)}, expected an array of shape ({case.size},) of "
         "integers, booleans or floats: one side for each cell",
+        FORM,
     )
     low, high = sides.min(), sides.max()
     remedy = "subtract the smallest label"

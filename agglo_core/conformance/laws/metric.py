@@ -15,7 +15,7 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import ATTRIBUTES, require
+from agglo_core.conformance.base.verdict import ATTRIBUTES, FORM, require
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.cases import mesh_case
 from agglo_core.conformance.inputs.drawn import DrawnMesh, beside
@@ -75,6 +75,7 @@ def value_array(subject: Subject, case: Case) -> None:
         values.shape == (case.size,) and values.dtype.kind in "biuf",
         f"on {case.name}: it returned {in_words(result)}, expected an array of shape ({case.size},) of "
         "numbers, one for each of the labels 0..k-1: not one per cell, not a mean",
+        FORM,
     )
 
 

@@ -15,7 +15,7 @@ from agglo_core.arrays import Float, frozen_float
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.base.verdict import FORM, Broken, require
 from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
 from agglo_core.conformance.inputs.strategies import coarsening_cases
 from agglo_core.errors import AggloError
@@ -155,6 +155,7 @@ def coarse_error_reduced(subject: Subject, case: Case) -> None:
     require(
         x.shape == b.shape and x.dtype.kind == "f",
         f"on {case.name}: solve(b) returned {in_words(result)}, expected floats of shape {b.shape}",
+        FORM,
     )
     exact = np.atleast_1d(spsolve(sparse.csc_array(A), b))
     error = x - exact

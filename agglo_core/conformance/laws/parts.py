@@ -15,7 +15,7 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.base.verdict import FORM, Broken, require
 from agglo_core.conformance.inputs.questions import (
     answer,
     as_array,
@@ -52,6 +52,7 @@ def label_array(subject: Subject, case: Case) -> None:
         result.shape == (graph.n,) and result.dtype.kind in "iub",
         f"on {case.name}: it returned {in_words(returned)}, expected an array of integers of shape "
         f"({graph.n},): one label for each cell",
+        FORM,
     )
     for b, (before, after) in enumerate(zip(chunks(graph, labels), chunks(graph, result), strict=True)):
         had, has = set(before.tolist()), set(after.tolist())

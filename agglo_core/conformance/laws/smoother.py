@@ -14,7 +14,7 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.base.verdict import FORM, Broken, require
 from agglo_core.conformance.inputs.cases import cases
 from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain, questions
 from agglo_core.conformance.inputs.strategies import smoother_cases
@@ -35,6 +35,7 @@ def smoothed_array(subject: Subject, case: Case) -> None:
         x.shape == (case.size,) and x.dtype.kind == "f",
         f"on {case.name}: smooth(b, x) returned {in_words(result)}, expected floats of shape "
         f"({case.size},): return all of the new x, not a correction or matrix",
+        FORM,
     )
 
 

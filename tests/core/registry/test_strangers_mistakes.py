@@ -281,6 +281,8 @@ def test_the_suite_asks_a_solver_for_what_it_accepts_alone(registry: Registry) -
 def test_a_kind_that_does_not_exist_is_said_by_the_suite(registry: Registry) -> None:
     with pytest.raises(PluginError, match=r"'unkind' .* cannot be used: broken: unknown kind 'bisctor'"):
         check("unkind", registry=registry)
+    with pytest.raises(PluginError, match=r"no bisector .*cannot be used: bisctor 'unkind' .*unknown kind"):
+        registry.record("bisector", "unkind")
 
 
 def test_commands_may_hand_over_a_path(tmp_path: Path) -> None:
