@@ -8,6 +8,7 @@ from dataclasses import replace
 from numbers import Integral, Real
 from typing import Any, Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
@@ -204,7 +205,13 @@ def agglomerate(
     """
     keywords = {name: value for name, value in locals().items() if name in NAMES}
     if not isinstance(mesh, Mesh | Graph):
-        remedy = ": pass a matrix as agglomerate(Graph.from_scipy(A), …)" if sparse.issparse(mesh) else ""
+        remedy = ""
+        if sparse.issparse(mesh):
+            remedy = ": pass a matrix as agglomerate(Graph.from_scipy(A), …)"
+        elif isinstance(mesh, str | os.PathLike):
+            remedy = ": pass a file as agglomerate(read(path), …)"
+        elif isinstance(mesh, np.ndarray | tuple):
+            remedy = ": pass points and cells as agglomerate(Mesh.from_polygons(points, cells), …)"
         raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}{remedy}")
     base = _DEFAULT if config is None else Pipeline.from_toml(config, allow_code=allow_code)
     return replace_keywords(base, keywords).run(mesh, registry, progress, verbose, threads)

@@ -92,7 +92,10 @@ class Hierarchy(FieldState):
         return len(self.levels)
 
     def __getitem__(self, level: int) -> Int:
-        place = index(level)
+        try:
+            place = index(level)
+        except TypeError:
+            raise TypeError(f"a level must be a whole number, given {level!r:.60}") from None
         return self._level(place + len(self) if -len(self) <= place < 0 else place)
 
     def __iter__(self) -> Iterator[Int]:

@@ -197,9 +197,10 @@ class LevelStack:
     @property
     def table(self) -> LevelTable:
         """Table of unknowns, matrix entries and smoother per level."""
-        smoothers = [type(level.smoother).__name__ if level.smoother else "direct" for level in self.levels]
+        smoothers = [level.smoother for level in self.levels]
+        names = [type(each).__name__.lstrip("_") if each else "direct" for each in smoothers]
         matrices = [level.A for level in self.levels]
-        return LevelTable([A.shape[0] for A in matrices], [A.nnz for A in matrices], smoothers)
+        return LevelTable([A.shape[0] for A in matrices], [A.nnz for A in matrices], names)
 
     def __repr__(self) -> str:
         return repr(self.table)

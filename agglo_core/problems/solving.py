@@ -7,12 +7,15 @@ from copy import copy
 from inspect import signature
 from typing import Any
 
+import numpy as np
+
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.problems.choosing import discretisation_of, require_accepted
 from agglo_core.problems.diffusion import Diffusion
 from agglo_core.problems.discretisation import Problem
+from agglo_core.problems.linear import Linear
 from agglo_core.problems.solution import Solution
 from agglo_core.progress import Listener, followed, phase, unwrapped
 from agglo_core.registry import Registry, default, describe
@@ -80,6 +83,10 @@ def solve(
             given = shown(on)
             if hasattr(on, "tocsr"):
                 given = "a sparse matrix: write build_levels(A).solve(b)"
+            elif isinstance(on, Linear):
+                given = "a linear system: without a mesh write build_levels(A).solve(b)"
+            elif isinstance(on, tuple | list | np.ndarray):
+                given = type(on).__name__
             raise OptionError(f"solve expects a Mesh or a Hierarchy first, given {given}")
         hierarchy = Hierarchy(on, on.graph, [], [], nested=True)
     problem = Diffusion() if problem is None else problem

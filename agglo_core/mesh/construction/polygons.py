@@ -33,6 +33,7 @@ _FAULTS = {
     3: "a boundary that crosses itself (bow-tie)",
     4: "a boundary that folds back on itself",
 }
+_CELL_ARRAY = "pass a cell array of MATLAB as [np.ravel(cell).astype(int) - 1 for cell in cells.ravel()]"
 
 
 class Faces(NamedTuple):
@@ -61,6 +62,8 @@ def loops_as_csr(cells: Any) -> tuple[Int, Int]:
         offsets = np.concatenate(([0], np.cumsum(is_vertex.sum(axis=1))))
         return frozen_int(offsets), whole_numbers(cells.data[is_vertex], "cells")
     if isinstance(cells, np.ndarray) and cells.ndim == 2:
+        if cells.dtype == object:
+            raise MeshError(f"cells is an array {cells.shape} of objects: {_CELL_ARRAY}")
         n, k = cells.shape
         return frozen_int(np.arange(n + 1) * k), whole_numbers(cells.ravel(), "cells")
     # A sequence of loops.
@@ -69,6 +72,8 @@ def loops_as_csr(cells: Any) -> tuple[Int, Int]:
         sizes = [len(loop) for loop in loops]
         flat: Any
         if loops and isinstance(loops[0], np.ndarray):
+            if loops[0].ndim != 1:
+                raise MeshError(f"cell 0 has shape {loops[0].shape}, expected (k,): {_CELL_ARRAY}")
             flat = np.concatenate(loops)
         else:
             flat = list(chain.from_iterable(loops))

@@ -265,7 +265,7 @@ def _numbers(name: str, given: Any) -> Float:
 def _require_fit(A: Any, M: Any, b: Float, x0: Float) -> None:
     n = len(b)
     if A.shape != (n, n):
-        raise OptionError(f"A has shape {A.shape}, expected ({n}, {n}) for b of shape {b.shape}")
+        raise OptionError(f"A has shape {A.shape}, but b has shape {b.shape}")
     if hasattr(M, "shape") and M.shape != (n, n):
         raise OptionError(f"M has shape {M.shape}, but A has shape {A.shape}")
     if x0.shape != b.shape:

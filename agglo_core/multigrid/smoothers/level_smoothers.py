@@ -38,7 +38,7 @@ class GaussSeidel:
 
     uses_coarse: ClassVar[bool] = False
 
-    def setup(self, level: MultigridLevel, dtype: Any = np.float64) -> _Sweeps:
+    def setup(self, level: MultigridLevel, dtype: Any = np.float64) -> _BlockGaussSeidel:
         """Return the level smoother, with ``level.steps`` sweeps over the parts.
 
         Raises
@@ -51,13 +51,13 @@ class GaussSeidel:
         return self.on(block_matrix(level.A, level.block_offsets, dtype), level.steps)
 
     @staticmethod
-    def on(matrix: BlockMatrix, steps: int = 1) -> _Sweeps:
+    def on(matrix: BlockMatrix, steps: int = 1) -> _BlockGaussSeidel:
         """Return the smoother for a prepared level matrix."""
-        return _Sweeps(matrix, steps)
+        return _BlockGaussSeidel(matrix, steps)
 
 
 @dataclass(frozen=True, eq=False)
-class _Sweeps:
+class _BlockGaussSeidel:
     A: BlockMatrix
     steps: int
 
@@ -94,14 +94,14 @@ class BlockJacobi:
 
     uses_coarse: ClassVar[bool] = False
 
-    def setup(self, level: MultigridLevel, dtype: Any = np.float64) -> _Steps:
+    def setup(self, level: MultigridLevel, dtype: Any = np.float64) -> _BlockPolynomial:
         """Return the level smoother, with ``level.steps`` steps.
 
         Exceptions are those of :class:`GaussSeidel`.
         """
         A = block_matrix(level.A, level.block_offsets, dtype)
         damping = 4.0 / (3.0 * largest_eigenvalue(A, A.inverses.__matmul__))
-        return _Steps(A, tuple((0.0, damping) for _ in range(level.steps)))
+        return _BlockPolynomial(A, tuple((0.0, damping) for _ in range(level.steps)))
 
 
 class Chebyshev:
@@ -142,7 +142,7 @@ class Chebyshev:
             raise OptionError(f"ratio must be larger than 1; given {ratio!r}")
         self.degree, self.ratio = degree, float(ratio)
 
-    def setup(self, level: MultigridLevel, dtype: Any = np.float64) -> _Steps:
+    def setup(self, level: MultigridLevel, dtype: Any = np.float64) -> _BlockPolynomial:
         """Return the level smoother, with ``level.steps`` steps.
 
         Exceptions are those of :class:`GaussSeidel`.
@@ -150,7 +150,7 @@ class Chebyshev:
         A = block_matrix(level.A, level.block_offsets, dtype)
         most = 1.05 * largest_eigenvalue(A, A.inverses.__matmul__)  # the estimate may be slightly low
         centre, radius = 0.5 * (most + most / self.ratio), 0.5 * (most - most / self.ratio)
-        return _Steps(A, _chebyshev(centre, radius, self.degree) * level.steps)
+        return _BlockPolynomial(A, _chebyshev(centre, radius, self.degree) * level.steps)
 
 
 def _chebyshev(centre: float, radius: float, degree: int) -> tuple[tuple[float, float], ...]:
@@ -166,7 +166,7 @@ def _chebyshev(centre: float, radius: float, degree: int) -> tuple[tuple[float, 
 
 
 @dataclass(frozen=True, eq=False)
-class _Steps:
+class _BlockPolynomial:
     """Smoother by steps d ← α d + β D⁻¹ r, x ← x + d: a self-adjoint polynomial in D⁻¹A."""
 
     A: BlockMatrix

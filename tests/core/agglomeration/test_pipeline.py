@@ -242,6 +242,11 @@ def test_any_seed_will_do(bisector, seed):
 def test_only_meshes_and_graphs_are_agglomerated():
     with pytest.raises(OptionError, match=r"needs a Mesh or a Graph, given list$"):
         agglo.agglomerate([1, 2, 3])
+    with pytest.raises(OptionError, match=r"given str: .* agglomerate\(read\(path\), …\)"):
+        agglo.agglomerate("mesh.vtu")
+    for points in (np.zeros((3, 2)), (np.zeros((3, 2)), [[0, 1, 2]])):
+        with pytest.raises(OptionError, match=r"given (ndarray|tuple): .*Mesh\.from_polygons"):
+            agglo.agglomerate(points)
     for matrix in (sparse.eye_array(3, format="csr"), sparse.csr_matrix((3, 3))):
         with pytest.raises(OptionError, match=r"given csr_\w+: .* agglomerate\(Graph\.from_scipy\(A\), …\)"):
             agglo.agglomerate(matrix)

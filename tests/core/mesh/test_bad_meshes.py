@@ -507,3 +507,15 @@ def test_masked_arguments_are_refused_by_name() -> None:
     }.items():
         with pytest.raises(error, match=f"^{word} has masked entries"):
             call()
+
+
+def test_a_cell_array_of_matlab_is_refused_with_its_conversion() -> None:
+    array = np.empty((2, 1), object)
+    array[:, 0] = [np.array([[1.0, 2.0, 5.0, 6.0]]), np.array([[2.0, 3.0, 4.0, 5.0]])]
+    points = [[0, 0], [1, 0], [2, 0], [2, 1], [1, 1], [0, 1]]
+    says = r"\[np.ravel\(cell\).astype\(int\) - 1 for cell in cells.ravel\(\)\]"
+    for cells in (array, array.ravel(), list(array.ravel())):
+        with pytest.raises(MeshError, match=says):
+            Mesh.from_polygons(points, cells)
+    loops = [np.ravel(cell).astype(int) - 1 for cell in array.ravel()]
+    assert Mesh.from_polygons(points, loops).cell_measures.tolist() == [1.0, 1.0]

@@ -47,6 +47,8 @@ def test_solvers_by_name_with_options_and_as_objects_are_the_same() -> None:
     ("arguments", "options", "message"),
     [
         ((3,), {}, "expects a Mesh or a Hierarchy first, given 3"),
+        (([[0, 1]],), {}, "expects a Mesh or a Hierarchy first, given list$"),
+        ((agglo.Linear(np.eye(2), np.ones(2)),), {}, r"without a mesh write build_levels\(A\).solve\(b\)"),
         ((MESH,), {"solver": "polydg_mg_paper"}, r"requires levels: give agglo.agglomerate\(mesh"),
         ((MESH,), {"degree": 99}, "degree must be a whole number, 1..6"),
         ((MESH,), {"solver": Diffusion}, "is not a solver: expected a name or an object with solve"),
@@ -161,6 +163,7 @@ def test_levels_of_a_matrix_of_blocks_solve_it(on_agglomerates: bool) -> None:
     assert solution.iterations < 25
     assert solution.x == pytest.approx(spsolve(sparse.csc_array(A), b), abs=1e-8)
     assert len(levels.table) == len(solution.operators) >= 2
+    assert levels.table.smoothers == ("BlockGaussSeidel",) * (len(levels.table) - 1) + ("direct",)
     assert repr(levels).splitlines()[-1].split()[-1] == "direct"
 
 
