@@ -260,15 +260,17 @@ def _sort_faces(mesh: Mesh) -> _Faces:
 def _patches(mesh: Mesh, outer: Int) -> tuple[list[str], Int]:
     """Group the boundary faces into patches: patch names, and the patch number of each face.
 
-    A 0/1 tag is a patch with its name; for other tags each value except −1 is a patch ``TAG_VALUE``. A face
-    is in the patch of its first tag. Warn about other tags of the face, and about tags of inner faces.
+    A 0/1 tag is a patch with its name; for other tags each value except −1 is a patch ``TAG_VALUE``. A tag
+    that is 0 or −1 on all outer faces makes no patch. A face is in the patch of its first tag. Warn about
+    other tags of the face, and about tags of inner faces.
     """
     names: list[str] = []
     patch = np.full(len(outer), -1)
     for tag, values in mesh.face_tags.items():
         outer_values = values[outer]
         is_binary = np.isin(values, (-1, 0, 1)).all()
-        free = (patch < 0) & (outer_values == 1 if is_binary else outer_values != -1)
+        tagged = outer_values == 1 if is_binary else outer_values != -1
+        free = (patch < 0) & tagged & (outer_values[tagged] != 0).any()
         for value in np.unique(outer_values[free]).tolist():
             word = _NO_WORD.sub("_", tag if is_binary else f"{tag}_{value}")
             while word in names:

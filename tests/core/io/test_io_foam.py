@@ -271,6 +271,15 @@ def test_tags_of_faces_that_are_in_no_patch_are_reported(
     assert "faces written" not in caplog.text
 
 
+def test_a_tag_of_inner_faces_takes_no_outer_face(tmp_path: Path) -> None:
+    mesh = samples.layered(8)
+    assert list(mesh.face_tags) == ["fault", "side"]
+    write(tmp_path / "m.foam", mesh)
+    back = read(tmp_path / "m.foam")
+    sides = {name: int((tag == 1).sum()) for name, tag in back.face_tags.items() if name != "patch"}
+    assert sides == {f"side_{i}": int((mesh.face_tags["side"] == i).sum()) for i in range(1, 7)}
+
+
 def test_an_earlier_mesh_leaves_nothing(tmp_path: Path) -> None:
     mesh = replace(samples.boxes(2), cell_tags={"mat": np.arange(8)})
     write(tmp_path / "m.foam", mesh, compress=True)
