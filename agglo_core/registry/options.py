@@ -14,7 +14,7 @@ import inspect
 import re
 import types
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
 from itertools import product
 from typing import Any, ForwardRef, Optional, TypeGuard
@@ -75,12 +75,19 @@ def _options_of(target: Callable[..., Any]) -> tuple[Option, ...] | None:
     if any(p.kind is p.VAR_KEYWORD for p in parameters):
         return None
     handed = {"registry"} if wants_registry(target) else set()
-    about = _describe_parameters(target)
+    about, made = _describe_parameters(target), _made_defaults(target)
     return tuple(
-        Option(p.name, _with_default(_annotation(target, p), p.default), p.default, about.get(p.name, ""))
+        Option(p.name, _with_default(_annotation(target, p), p.default), default, about.get(p.name, ""))
         for p in parameters
+        for default in [made.get(p.name, p.default)]
         if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) and p.name not in handed
     )
+
+
+def _made_defaults(target: Any) -> Mapping[str, Any]:
+    """Return the empty containers that are defaults of a dataclass, by field name."""
+    factories = {each.name: each.default_factory for each in (fields(target) if is_dataclass(target) else ())}
+    return {name: factory() for name, factory in factories.items() if factory in (dict, list, set)}
 
 
 def wants_registry(target: Callable[..., Any]) -> bool:

@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pytest
 
+import agglo_core as agglo
 from agglo_core import Component, OptionError, Pipeline, PluginError, Registry, hookimpl, samples
 from agglo_core.registry.option_types import Text, parse_value
 from agglo_core.registry.options import Option, convert, options_of
@@ -213,6 +214,11 @@ class Rounds(NamedTuple):
 
 def test_options_of_a_named_tuple_have_their_types() -> None:
     assert [option.type for option in options_of(Rounds) or ()] == [int]
+
+
+def test_an_empty_container_of_a_dataclass_is_shown_as_default() -> None:
+    defaults = {option.name: option.default for option in options_of(agglo.Diffusion) or ()}
+    assert (defaults["dirichlet"], defaults["kappa"]) == ({}, 1.0)
 
 
 def test_an_option_knows_its_type_in_words() -> None:
