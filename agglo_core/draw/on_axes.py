@@ -92,7 +92,7 @@ def plot_samples(samples: Samples, ax: Any = None, *, across: str = "z", cmap: s
     ends = {"vmin": samples.values.min(), "vmax": samples.values.max()}
     colours = ax.tripcolor(corners, section.values, shading="gouraud", rasterized=True, cmap=cmap, **ends)
     ax.set(aspect="equal", xlabel=names[0], ylabel=names[1])
-    ax.get_figure().colorbar(colours, ax=ax, label="u")
+    ax.get_figure().colorbar(colours, ax=ax).set_label("u", rotation=0)  # turned, it looks like an n
     return ax
 
 

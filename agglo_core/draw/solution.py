@@ -84,7 +84,7 @@ def draw_solution(path: Path, samples: Samples) -> None:
         )
         axis.set_title(title, fontsize=9)
         axis.set_axis_off()
-    figure.colorbar(colours, ax=axes, label="u")
+    figure.colorbar(colours, ax=axes).set_label("u", rotation=0)  # turned, it looks like an n
     save_figure(figure, path)
 
 

@@ -27,6 +27,13 @@ if TYPE_CHECKING:
     from agglo_core.measure import Quality
 
 
+def _whole(level: Any) -> int:
+    try:
+        return index(level)
+    except TypeError:
+        raise TypeError(f"a level must be a whole number, given {level!r:.60}") from None
+
+
 @dataclass(frozen=True, eq=False)
 class Hierarchy(FieldState):
     """Hierarchy of coarse levels of a mesh or graph, with a labelling of the cells for each level.
@@ -92,10 +99,7 @@ class Hierarchy(FieldState):
         return len(self.levels)
 
     def __getitem__(self, level: int) -> Int:
-        try:
-            place = index(level)
-        except TypeError:
-            raise TypeError(f"a level must be a whole number, given {level!r:.60}") from None
+        place = _whole(level)
         return self._level(place + len(self) if -len(self) <= place < 0 else place)
 
     def __iter__(self) -> Iterator[Int]:
@@ -132,7 +136,7 @@ class Hierarchy(FieldState):
         return self.fine.fingerprint if self.fine is not None else ""
 
     def _level(self, level: int) -> Int:
-        if not 0 <= level < len(self):
+        if not 0 <= _whole(level) < len(self):
             known = f"levels 0..{len(self) - 1}" if len(self) else "no levels"
             raise IndexError(f"level {level} is out of range: the hierarchy has {known}")
         return self.levels[level]

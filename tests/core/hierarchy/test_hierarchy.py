@@ -98,7 +98,7 @@ def test_levels_beyond_the_last() -> None:
             refused(1)
     with pytest.raises(IndexError, match=r"level -1"):
         hierarchy.prolongation(-1)
-    for use in (hierarchy.quality, hierarchy.__getitem__):
+    for use in (hierarchy.quality, hierarchy.prolongation, hierarchy.__getitem__):
         with pytest.raises(TypeError, match="a level must be a whole number, given 'CR'"):
             use("CR")  # type: ignore[arg-type]
     assert hierarchy.mesh(-1).n_cells == 1
