@@ -85,7 +85,10 @@ def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int
         For a value without boundary faces, or an entry that is not a number.
     """
     if not isinstance(given, Mapping):
-        raise OptionError(f"{key} must be a table by boundary tag, given {given!r:.60}")
+        raise OptionError(
+            f"{key} must be a table by boundary tag, given {given!r:.60}: below a line [{key}] write a "
+            "number for each tag, such as 0 = 1.0"
+        )
     kinds = mesh.boundary_kinds
     tags = kinds.tags.get(face_tag, np.zeros_like(kinds.component))
     present = np.unique(tags).tolist()

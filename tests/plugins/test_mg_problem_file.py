@@ -99,7 +99,7 @@ def test_an_empty_file_is_the_default_problem(tmp_path: Path, mesh: Mesh) -> Non
             "kappa.material names 3; the tag's values in the mesh are: 1, 2",
         ),
         ("[source.material]\nleft = 1.0", "'left' must be a tag value"),
-        ("dirichlet = 0", "dirichlet must be a table by boundary tag, given 0"),
+        ("dirichlet = 0", "by boundary tag, given 0: below a line [dirichlet]"),
         ("[dirichlet]\n7 = 0", "dirichlet names boundary tag 7; the mesh has: 1, 2, 3, 4 (it has the"),
         ("[dirichlet]\nleft = 0", "dirichlet: 'left' must be a tag value"),
         ("[dirichlet]\n1 = {}", "dirichlet.1 must be a finite number, given {}"),

@@ -124,7 +124,10 @@ def _lists(contents: Mapping[str, Variable]) -> _Cells:
         expected = (
             "region (lymph), node and elem (mVEM), Node and Element (PolyMesher), node3 and elem3, G (MRST)"
         )
-        raise FileError(f"holds the variables {', '.join(contents) or 'none'}; expected {expected}")
+        raise FileError(
+            f"holds the variables {', '.join(contents) or 'none'}; expected {expected}; in Python pass "
+            "points and cells of other names from scipy.io.loadmat to Mesh.from_polygons"
+        )
     points, cells = _points(contents[names[0]]), contents[names[1]]
     if points.shape[1] == 2:
         lists = cells.lists() if cells.is_cell else _rows(cells)

@@ -207,7 +207,7 @@ def test_big_endian_files_are_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"a": [1.0]}, r"holds the variables a; expected region \(lymph\), node and elem"),
+        ({"a": [1.0]}, r"variables a; expected region \(lymph\), node and elem.* to Mesh\.from_polygons"),
         (
             {"node": POINTS, "elem": [[1, 2, 9]]},
             r"elem: list 0 \(counted from 0\) uses point 9, expected 1 to 6",
