@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from flux_matrices import two_point_flux
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from agglo_core import agglomerate, samples
+from agglo_core import Hierarchy, agglomerate, samples
 from agglo_core.problems import Linear
 from agglo_core.problems.residuals.row_scales import lifted, row_sizes
 from agglo_core.problems.residuals.stiff_springs import imposed_differences, stiffest_joint
@@ -16,9 +18,14 @@ from agglo_core.registry import default
 
 MESH = samples.squares(20)
 N = MESH.n_cells
-LEVELS = agglomerate(MESH, cells_per_part=(8, 64))
 SOLVERS = {"polydg_mg": {}, "polydg_cg": {}, "direct": {"backend": "superlu"}}
 GROUPS = {"pair": [(0, 1)], "chain": [(0, 1), (1, 2)], "star": [(0, 1), (0, 2), (0, 3), (0, 4)]}
+
+
+@cache
+def levels() -> Hierarchy:
+    """Return the agglomerates. At import each worker would wait for their kernels."""
+    return agglomerate(MESH, cells_per_part=(8, 64))
 
 
 def laplacian() -> sparse.csr_array:
@@ -59,7 +66,7 @@ def sprung(kind: str, stiffness: float, jump: float) -> tuple[sparse.csr_array, 
 def test_what_is_called_converged_is_right(kind: str, stiffness: float, jump: float) -> None:
     A, b, exact = sprung(kind, stiffness, jump)
     for name, more in SOLVERS.items():
-        it = default().build("solver", name, **more).solve(Linear(A, b, np.arange(N + 1)), LEVELS)
+        it = default().build("solver", name, **more).solve(Linear(A, b, np.arange(N + 1)), levels())
         if it.converged:
             assert np.abs(it.x - exact).max() <= 1e-5 * np.abs(exact).max()
         elif stiffness >= 1e10:
@@ -76,7 +83,7 @@ def test_signs_and_units_of_unknowns_do_not_hide_springs(sign: str) -> None:
         A, b, exact = sprung("pair", stiffness, 0.5)
         problem = Linear(D @ A @ D, units * b, np.arange(N + 1))
         for name in ("polydg_mg", "direct"):
-            it = default().build("solver", name, **SOLVERS[name]).solve(problem, LEVELS)
+            it = default().build("solver", name, **SOLVERS[name]).solve(problem, levels())
             if it.converged:
                 assert np.abs(it.x * units - exact).max() <= 1e-5 * np.abs(exact).max()
             assert stiffness == 1e6 or not it.converged
@@ -110,7 +117,7 @@ def test_ordinary_systems_are_left_alone() -> None:
         edge = np.where(MESH.cell_centroids[:, 0] < 0.05, 1.0, 0.0)
         for b in (np.ones(N), random.standard_normal(N), A.diagonal() * edge):
             assert imposed_differences(A, b, row_sizes(A)) is None
-        it = default().build("solver", "polydg_mg").solve(Linear(A, np.ones(N), np.arange(N + 1)), LEVELS)
+        it = default().build("solver", "polydg_mg").solve(Linear(A, np.ones(N), np.arange(N + 1)), levels())
         assert it.converged
         assert np.abs(it.x - spsolve(A.tocsc(), np.ones(N))).max() <= 1e-5 * np.abs(it.x).max()
 

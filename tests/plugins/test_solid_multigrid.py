@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,25 +29,31 @@ def bare(mesh: Mesh) -> Hierarchy:
     return Hierarchy(mesh, mesh.graph, [], [], nested=True)
 
 
+@cache
 def lumps() -> Mesh:
     fine = samples.tetrahedra(8)
     how: dict[str, Any] = {"bisector": "coordinate", "refiners": (), "polish": False}
     return fine.coarsen(agglomerate(fine, cells_per_part=8, **how).levels[0])
 
 
-MESHES = {
-    "tetrahedra": (samples.tetrahedra(6), "continuous space", (10, 14)),
-    "hexahedra": (samples.boxes(9), "continuous space", (10, 11)),
-    "Voronoi": (samples.voronoi3d(500, seed=1), "smoothed agglomerates, cells", (14, 16)),
-    "random tetrahedra": (samples.random_tetrahedra(150, seed=1), "smoothed agglomerates, patches", (9, 11)),
-    "agglomerates": (lumps(), "smoothed agglomerates, cells", (14, 18)),
+MESHES: dict[str, tuple[Callable[[], Mesh], str, tuple[int, int]]] = {
+    "tetrahedra": (lambda: samples.tetrahedra(6), "continuous space", (10, 14)),
+    "hexahedra": (lambda: samples.boxes(9), "continuous space", (10, 11)),
+    "Voronoi": (lambda: samples.voronoi3d(500, seed=1), "smoothed agglomerates, cells", (14, 16)),
+    "random tetrahedra": (
+        lambda: samples.random_tetrahedra(150, seed=1),
+        "smoothed agglomerates, patches",
+        (9, 11),
+    ),
+    "agglomerates": (lumps, "smoothed agglomerates, cells", (14, 18)),
 }
 
 
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("degree", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_iterations_are_few(name: str, degree: int) -> None:
-    mesh, recipe, most = MESHES[name]
+    make, recipe, most = MESHES[name]
+    mesh = make()
     solution = PolyDGMultigrid(degree).solve(Diffusion(source=8.0), bare(mesh))
     assert solution.converged
     assert solution.iterations <= most[degree - 1]
@@ -56,7 +64,7 @@ def test_iterations_are_few(name: str, degree: int) -> None:
 
 @pytest.mark.parametrize("name", ["tetrahedra", "hexahedra"])
 def test_jumps_of_the_coefficient_take_patches(name: str) -> None:
-    mesh = MESHES[name][0]
+    mesh = MESHES[name][0]()
     kappa = np.where((mesh.cell_centroids * 3).astype(int).sum(axis=1) % 2, 1e6, 1.0)
     solution = PolyDGMultigrid(1, tolerance=1e-8).solve(Diffusion(kappa=kappa, source=8.0), bare(mesh))
     assert solution.converged
@@ -145,7 +153,7 @@ def test_linear_functions_are_in_the_continuous_space() -> None:
 
 @pytest.mark.parametrize("name", ["hexahedra", "Voronoi"])
 def test_degree_one_fits_the_values_at_corners(name: str) -> None:
-    mesh = MESHES[name][0]
+    mesh = MESHES[name][0]()
     basis = Basis(mesh, 1, True)
     space = solid_space(basis)
     P = space.prolongation()

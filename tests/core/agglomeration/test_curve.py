@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import networkx as nx
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import agglo_core as agglo
-from agglo_core import Graph, Mesh, OptionError, samples
+from agglo_core import Graph, OptionError, samples
 from agglo_core.agglomeration.levels.curve import connected_runs
 from agglo_core.agglomeration.levels.curve_kernels import stretched_cells
 from agglo_core.arrays import frozen_float, frozen_int
@@ -26,7 +27,9 @@ def along_curve(graph: Graph) -> Graph:
     return graph.subgraph(curve_order(graph.centroids), [0, graph.n])
 
 
-GRAPHS = [along_curve(samples.voronoi(80, seed=3).graph), along_curve(samples.tetrahedra(2).graph)]
+@cache
+def graphs() -> list[Graph]:
+    return [along_curve(samples.voronoi(80, seed=3).graph), along_curve(samples.tetrahedra(2).graph)]
 
 
 def slow_runs(
@@ -69,7 +72,7 @@ def slow_runs(
 
 @settings(max_examples=40, deadline=None)
 @given(
-    st.sampled_from(GRAPHS),
+    st.deferred(lambda: st.sampled_from(graphs())),
     SEEDS,
     st.integers(1, 20),
     st.sampled_from(["cells", "masses", "none"]),
@@ -181,25 +184,23 @@ def test_polished_runs_are_about_as_good_as_polished_bisections() -> None:
     assert circle_ratio > 0.97
 
 
-def stretched(mesh: Mesh) -> Mesh:
-    return replace(mesh, points=mesh.points * [20.0, 1.0])
-
-
 @pytest.mark.parametrize(
-    ("mesh", "how"),
+    ("width", "how"),
     [
-        (samples.voronoi(1600, seed=2), {"h_factor": 4.0}),
-        (samples.voronoi(1600, seed=2), {"n_parts": 20}),  # too few
-        (samples.voronoi(1600, seed=2), {"n_parts": 400}),  # too small
-        (stretched(samples.voronoi(1600, seed=2)), {"n_parts": 100}),
-        (samples.voronoi(1600, seed=2), {"n_parts": 100, "polish": False}),
-        (samples.voronoi(1600, seed=2), {"n_parts": 100, "refiners": ()}),
-        (samples.voronoi(1600, seed=2), {"n_parts": 100, "post_refiners": ("balance",)}),
-        (samples.voronoi(1600, seed=2), {"n_parts": 100, "bisector": "inertial"}),
-        (samples.voronoi(1600, seed=2), {"n_parts": 100, "bisector": ("kmeans", {"curve": False})}),
+        (1.0, {"h_factor": 4.0}),
+        (1.0, {"n_parts": 20}),  # too few
+        (1.0, {"n_parts": 400}),  # too small
+        (20.0, {"n_parts": 100}),
+        (1.0, {"n_parts": 100, "polish": False}),
+        (1.0, {"n_parts": 100, "refiners": ()}),
+        (1.0, {"n_parts": 100, "post_refiners": ("balance",)}),
+        (1.0, {"n_parts": 100, "bisector": "inertial"}),
+        (1.0, {"n_parts": 100, "bisector": ("kmeans", {"curve": False})}),
     ],
 )
-def test_bisections_where_the_curve_is_worse_or_not_wanted(mesh: Mesh, how: dict[str, object]) -> None:
+def test_bisections_where_the_curve_is_worse_or_not_wanted(width: float, how: dict[str, object]) -> None:
+    mesh = samples.voronoi(1600, seed=2)
+    mesh = replace(mesh, points=mesh.points * [width, 1.0])
     assert agglo.agglomerate(mesh, **how).statistics["curve_levels"] == 0
 
 
