@@ -41,9 +41,7 @@ SHARE = {
     ".safetensors": 20,
     ".geojson": 20,
 }
-SLOW = [
-    pytest.param(suffix, marks=() if suffix in (".vtu", ".toml") else pytest.mark.slow) for suffix in SHARE
-]
+SLOW = [pytest.param(suffix, marks=() if suffix == ".toml" else pytest.mark.slow) for suffix in SHARE]
 MANY = {
     ".vtu": 650,
     ".npz": 480,

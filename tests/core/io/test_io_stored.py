@@ -20,7 +20,9 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import read, read_hierarchy, write
 from agglo_core.io.vtk import xml_write
 
-MESHES = [samples.voronoi(300, seed=5), samples.tetrahedra(2), samples.brain_holes()]
+SQUARES = samples.squares(12)
+RINGS = SQUARES.coarsen((np.abs(SQUARES.cell_centroids - 0.5).max(axis=1) * 12).astype(int))
+MESHES = [samples.voronoi(300, seed=5), samples.tetrahedra(2), RINGS]
 
 
 def with_hierarchy(mesh: Mesh) -> tuple[Mesh, Hierarchy]:
