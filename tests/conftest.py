@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # a worker has one core: BLAS threads would compete
@@ -55,6 +55,15 @@ def agglo(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytes
     """Run the command line in an empty folder."""
     monkeypatch.chdir(tmp_path)
     return caller(capsys)
+
+
+@pytest.fixture
+def forked_readers() -> Iterator[None]:
+    """Read files of the package meshlane in forks; new processes are tested in ``test_io_foreign``."""
+    from fuzz.foreign_corpus import without_new_processes
+
+    with without_new_processes():
+        yield
 
 
 @pytest.fixture(scope="session")

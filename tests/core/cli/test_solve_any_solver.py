@@ -288,35 +288,38 @@ def test_who_accepts_and_who_tells() -> None:
 
 def test_the_command_stands_without_polydg(tmp_path: Path) -> None:
     source = f"""
-import sys
+import io, json, sys
 sys.path.append({str(Path(__file__).parents[2])!r})
+from contextlib import redirect_stderr, redirect_stdout
 from types import SimpleNamespace
 from agglo_core import Component, hookimpl
 from agglo_core.cli import main
 from agglo_core.solvers.solution_report import report
 from agglo_core.registry import default
 theirs = [Component("solver", "fluxes", "cell_values:Fluxes")]
-if "fluxes" in sys.argv:
-    default().register(SimpleNamespace(agglo_components=hookimpl(lambda: theirs)), "theirs")
-main()
+
+def run(*arguments):
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            main(["solve", *arguments])
+        except SystemExit as end:
+            return end.code, out.getvalue(), err.getvalue()
+
+done = [run("--help"), run("squares:n=4")]
+default().register(SimpleNamespace(agglo_components=hookimpl(lambda: theirs)), "theirs")
+done.append(run("squares:n=4", "--solver", "fluxes", "--parts", "4"))
+print(json.dumps(done))
 """
-
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-c", source, "solve", *arguments],
-            env={**os.environ, "AGGLO_BLOCK": "polydg_mg"},
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-
-    assert run("--help").returncode == 0
-    done = run("squares:n=4")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "no solver is named 'polydg_mg'; available: " in done.stderr
-    assert "blocked by AGGLO_BLOCK; choose another component with --solver" in done.stderr
-    assert "converged after" in run("squares:n=4", "--solver", "fluxes", "--parts", "4").stdout
+    environment = {**os.environ, "AGGLO_BLOCK": "polydg_mg"}
+    command = [sys.executable, "-c", source]
+    done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True)
+    (code, *_), refused, solved = json.loads(done.stdout)
+    assert code == 0
+    assert refused[:2] == [2, ""]
+    assert "no solver is named 'polydg_mg'; available: " in refused[2]
+    assert "blocked by AGGLO_BLOCK; choose another component with --solver" in refused[2]
+    assert "converged after" in solved[1]
 
 
 class Direct:

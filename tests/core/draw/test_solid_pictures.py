@@ -171,12 +171,11 @@ def test_lights_and_lines(tmp_path: Path) -> None:
     assert red.sum() + blue.sum() > 0.8 * there.sum()
 
 
-@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
-def test_solids_are_drawn(tmp_path: Path, suffix: str) -> None:
-    mesh, path = samples.layered(8), tmp_path / f"a{suffix}"
+def test_solids_are_drawn(tmp_path: Path) -> None:
+    mesh, path = samples.layered(8), tmp_path / "a.svg"
     hierarchy = agglomerate(mesh, cells_per_part=(4, 16), regions="material")
     draw(mesh, {"one": hierarchy, "two": hierarchy}, path, explode=0.5, section=(0, -1, 0))
-    assert path.read_bytes()[:4] in (b"\x89PNG", b"<?xm", b"%PDF")
+    assert path.read_bytes()[:4] == b"<?xm"
     assert list(tmp_path.iterdir()) == [path]
 
 

@@ -196,7 +196,7 @@ def _check_cuts(suffix: str, step: int, folder: Path) -> None:
 
 @pytest.mark.parametrize("suffix", [".vtu", ".npz", ".msh", *FIELD])
 def test_a_truncated_file_is_refused_or_whole(suffix: str, tmp_path: Path) -> None:
-    _check_cuts(suffix, 31, tmp_path)
+    _check_cuts(suffix, 97, tmp_path)
 
 
 @pytest.mark.slow

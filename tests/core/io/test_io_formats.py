@@ -609,6 +609,7 @@ def test_an_openfoam_case_is_read_by_its_marker(tmp_path: Path) -> None:
 # -- content ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("forked_readers")
 @pytest.mark.parametrize("suffix", [".vtu", ".npz", ".typ2", ".mat", ".off"])
 @pytest.mark.parametrize("name", ["m.dat2", "m", "m.vtk"])
 def test_content_is_recognised_under_a_wrong_suffix(tmp_path: Path, suffix: str, name: str) -> None:

@@ -58,6 +58,7 @@ def test_what_is_not_read_says_what_it_is(tmp_path: Path, name: str, text: str, 
     assert re.match(rf"(is|holds) .*{says}", why_unread(tmp_path / name) or "")
 
 
+@pytest.mark.usefixtures("forked_readers")
 def test_the_way_out_of_ucd_leads_somewhere(tmp_path: Path) -> None:
     (tmp_path / "m.avs").write_text(UCD.removeprefix("# made by hand\n"))
     assert read(tmp_path / "m.avs").cell_measures.tolist() == [0.5, 0.5]
@@ -71,6 +72,7 @@ def test_what_is_only_broken_is_not_explained_away(tmp_path: Path) -> None:
         read(tmp_path / "m.vtk")
 
 
+@pytest.mark.usefixtures("forked_readers")
 def test_polygons_in_avs_are_called_by_name(tmp_path: Path) -> None:
     (tmp_path / "m.avs").write_text("4 1 0 0 0\n1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n1 1 polygon 1 2 3 4\n")
     with pytest.raises(

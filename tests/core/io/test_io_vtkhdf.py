@@ -157,6 +157,7 @@ def test_links_are_refused(group: str, kind: str, h5py: Any, tmp_path: Path) -> 
         read(file)
 
 
+@pytest.mark.usefixtures("forked_readers")
 @pytest.mark.parametrize("kind", ["group", "dataset", "virtual", "raw"])
 def test_parts_of_other_hdf5_files_are_refused(kind: str, h5py: Any, tmp_path: Path) -> None:
     """MED files, which the package meshlane reads."""

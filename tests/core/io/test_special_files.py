@@ -40,6 +40,7 @@ special = pytest.mark.parametrize("make", [pipe, device])
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="named pipes of POSIX")
 
 
+@pytest.mark.usefixtures("forked_readers")
 @special
 @pytest.mark.parametrize(
     ("first", "text", "second"),
@@ -99,6 +100,7 @@ def test_other_files(tmp_path: Path, make: Callable[[Path], None]) -> None:
             reader()
 
 
+@pytest.mark.usefixtures("forked_readers")
 @pytest.mark.parametrize(
     "suffix",
     [*(".vtu", ".obj", ".off", ".ply", ".typ2", ".vtk", ".msh", ".mesh"), ".hedra", ".ovm", ".ele", ".foam"],
