@@ -246,7 +246,7 @@ def test_an_object_cannot_be_sent() -> None:
 
 # --- pytest -----------------------------------------------------------------------------------------
 
-test_conformance = conformance("bisector:inertial")
+test_conformance = conformance("problem:sine")
 test_a_failure_that_is_known = conformance(clips, "sample", xfail={"size_matters": "at most 8 cells"})
 
 

@@ -122,7 +122,9 @@ def check_rules(mesh: Mesh, found: Mapping[str, Labels]) -> None:
 
 
 def test_all_that_is_promised_on_one_machine_where_the_cells_lie() -> None:
-    mesh, found = cracked(), on_ranks(3, labels_of, CASES, False, seconds=300)[0]
+    # A bisector splits the cells of one rank, as it does in the next test.
+    cases = {name: how for name, how in CASES.items() if name not in ("inertial", "sweep", "gnn", "spectral")}
+    mesh, found = cracked(), on_ranks(3, labels_of, cases, False, seconds=300)[0]
     for name, levels in found.items():
         check_levels(mesh, name, levels)
     check_rules(mesh, found)
