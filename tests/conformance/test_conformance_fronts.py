@@ -218,6 +218,7 @@ def test_another_process_says_the_same() -> None:
     assert next(r.law for r in broken if not r.passed) == "same_seed_same_result"
 
 
+@pytest.mark.slow
 def test_a_component_that_hangs_is_stopped() -> None:
     hangs = Component("bisector", "hangs", "conformance.mutants.hanging:Hangs")
     results = check(hangs, timeout=2)

@@ -365,6 +365,7 @@ def test_a_bar_that_is_told_nothing_leaves_no_line(tmp_path: Path) -> None:
     assert on_terminal(tmp_path, code=NOTHING_TOLD) == ""
 
 
+@pytest.mark.slow
 @terminals
 def test_a_terminal_shows_phase_and_percent(tmp_path: Path) -> None:
     text = on_terminal(tmp_path)

@@ -159,6 +159,7 @@ def test_a_piecewise_input_file_is_not_replaced(agglo: Agglo) -> None:
     assert "in.pvtu is the input file" in done.err
 
 
+@pytest.mark.slow
 def test_an_error_on_one_rank_ends_all_with_its_traceback(tmp_path: Path) -> None:
     """Rank 0 waits for a message that never comes: the run is aborted, and nothing stays behind."""
     done = faulty(tmp_path, "raises")

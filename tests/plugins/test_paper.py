@@ -199,8 +199,9 @@ def newcomer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     default().unregister("newcomers")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("newcomer")
-@pytest.mark.parametrize("page", ["uf", pytest.param("runtime", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("page", ["uf", "runtime"])
 def test_a_newly_installed_bisector_is_a_column(page: str, tmp_path: Path) -> None:
     assert {"newcomer", "clumsy"} <= {each.name for each in columns()}
     chosen = ("--bisector", "newcomer", "--bisector", "clumsy")

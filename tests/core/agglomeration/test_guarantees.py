@@ -137,6 +137,7 @@ def test_random_meshes_and_targets(mesh, data):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("bisector", "method"), [m for m in METHODS if m[0] != "kmeans_sklearn"])
 def test_the_brain(published, bisector, method):
     mesh = published("brain_holes")

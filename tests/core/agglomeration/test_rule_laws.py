@@ -138,6 +138,7 @@ def counts_lost(monkeypatch):
 MUTANTS = [forgetful_merging, forgetful_polish, lost_tags, rules_of_parts_skipped, counts_lost]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mutant", MUTANTS)
 def test_mutants_are_found(monkeypatch, mutant):
     mutant(monkeypatch)

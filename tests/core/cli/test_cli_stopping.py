@@ -137,6 +137,7 @@ def test_an_interrupted_run_is_no_failed_one(monkeypatch: pytest.MonkeyPatch) ->
         attempt(samples.squares(2), "mine", {})
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_sigterm_during_a_write_leaves_nothing(tmp_path: Path) -> None:
     code, err = start(tmp_path, STOPPED, "mesh", "squares:n=2", "-o", "o.vtu", stdout=subprocess.DEVNULL)

@@ -75,6 +75,7 @@ def test_a_script_for_each_shell(shell: str) -> None:
     assert "agglo" in script.splitlines()[-1] + script.splitlines()[0]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not there")
 def test_the_tab_key_in_a_real_bash(tmp_path: Path) -> None:
     here = Path(sys.executable).parent / "agglo"

@@ -129,6 +129,7 @@ def test_streams_are_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
         codecs.lookup("agglo_ascii")
 
 
+@pytest.mark.slow
 def test_a_process_of_its_own(tmp_path: Path) -> None:
     environment = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     command = [sys.executable, "-m", "agglo_core", "run", "squares:n=4", "--h-factor", "2"]

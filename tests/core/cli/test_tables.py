@@ -149,6 +149,7 @@ def test_sentences_are_folded_between_words(show: Show) -> None:
     assert " ".join(written.split()) == "wrote out.vtu: 10,000 cells, 10,201 points"
 
 
+@pytest.mark.slow
 def test_a_real_terminal(tmp_path: Path) -> None:
     master, slave = pty.openpty()
     set_width(slave, 80)
@@ -179,6 +180,7 @@ def test_errors_are_folded_to_the_terminal(tmp_path: Path) -> None:
     assert "no bisector is named 'nope'; available: coordinate," in " ".join(screen.text.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [[], ["--json"]])
 def test_what_was_closed_stays_silent(tmp_path: Path, more: list[str]) -> None:
     command = [sys.executable, "-m", "agglo_core", "mesh", "squares:n=4", "-o", "m.vtu"]

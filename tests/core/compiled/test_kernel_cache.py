@@ -151,6 +151,7 @@ def features_of(*levels: str) -> str:
     return ",".join(f"+{name}" for level in levels for name in LEVELS[level].split())
 
 
+@pytest.mark.slow
 def test_a_kernel_for_a_level_runs_on_all_processors_of_that_level(tmp_path: Path) -> None:
     (listed,) = [each for each in read_signatures() if each.name == "half_edges"]
     assert compile_listed(tmp_path, [listed], "x86-64-v2") == []
@@ -336,6 +337,7 @@ print(sum(multiplied.stats.cache_misses.values()))
 """
 
 
+@pytest.mark.slow
 def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(tmp_path: Path) -> None:
     (tmp_path / "helpers.py").write_text(HELPERS.format(factor=5))
     (tmp_path / "loops.py").write_text(LOOPS)

@@ -32,6 +32,7 @@ def answers(printed: str) -> list[tuple[list[list[int]], int, list[float]]]:
     return [tuple(answer) for answer in json.loads(printed)]
 
 
+@pytest.mark.slow
 def test_kernels_in_python_give_the_same_labels_and_solutions(capsys: pytest.CaptureFixture[str]) -> None:
     run = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", SCRIPT],  # hashes overflow, as they do in machine code

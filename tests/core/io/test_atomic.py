@@ -289,6 +289,7 @@ except agglo.FileError as error:
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("locale", [ASCII, {}], ids=["ascii", "utf-8"])
 def test_names_that_the_locale_cannot_decode(tmp_path: Path, locale: dict[str, str]) -> None:
     shown_as = {"ł".encode(): r"'\u0142'", b"\xe9": r"'\ufffd'"}

@@ -81,6 +81,7 @@ def test_truncated(tmp_path: Path, keep: int) -> None:
         read(file)
 
 
+@pytest.mark.slow
 def test_readers_that_never_end_are_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """meshlane's TetGen reader loops for ever on a file of comments."""
     monkeypatch.setattr("agglo_core.io.foreign.meshlane._SECONDS", 2)

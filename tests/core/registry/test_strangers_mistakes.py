@@ -268,8 +268,8 @@ def test_of_a_solution(solver: str, title: tuple[str, str], says: str, agglo: Ag
 def test_accepts_is_a_tuple() -> None:
     with pytest.raises(PluginError, match=r"mine: accepts is 'diffusion', expected a tuple such as"):
         require_accepted(TextAccepted(), agglo.Diffusion(), "mine")
-    broken = {result.law: result.message for result in check(TextAccepted) if not result.passed}
-    assert broken["answers"].startswith("accepts is 'diffusion', expected a tuple")
+    (broken,) = check(TextAccepted, laws=["answers"])
+    assert broken.message.startswith("accepts is 'diffusion', expected a tuple")
 
 
 def test_the_suite_asks_a_solver_for_what_it_accepts_alone(registry: Registry) -> None:

@@ -190,7 +190,7 @@ def _shapes(draw: st.DrawFn) -> shapely.MultiPolygon:
 
 
 @given(shape=_shapes())
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_circles_of_any_outline_agree_with_a_slow_search(shape: shapely.MultiPolygon) -> None:
     rings = shapely.get_rings([shapely.orient_polygons(part) for part in shape.geoms])
     points, starts = shapely.get_coordinates(rings), np.cumsum([0, *shapely.get_num_coordinates(rings)])

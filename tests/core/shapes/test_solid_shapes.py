@@ -194,8 +194,8 @@ def _of_clouds(
 
 def test_hulls_agree_with_scipy_and_boxes_with_slow_loops() -> None:
     rng = np.random.default_rng(0)
-    clouds = [rng.normal(size=(n, 3)) for n in rng.integers(4, 60, 12)]
-    for n in rng.integers(9, 60, 12):  # grids: many points in planes and on lines
+    clouds = [rng.normal(size=(n, 3)) for n in rng.integers(4, 60, 6)]
+    for n in rng.integers(9, 60, 6):  # grids: many points in planes and on lines
         grid = np.unique(rng.integers(0, 4, size=(n, 3)).astype(float), axis=0)
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         clouds += [grid, 1e-3 * grid @ turn + 1.0]

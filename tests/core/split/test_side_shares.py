@@ -36,7 +36,7 @@ def largest(labels: Int, sizes: Any = None) -> float:
 
 
 @pytest.mark.parametrize("bisector", BISECTORS, ids=str)
-@pytest.mark.parametrize("parts", [3, 5, 7])
+@pytest.mark.parametrize("parts", [3, 7])
 def test_parts_are_even(bisector: Any, parts: int) -> None:
     assert largest(agglo.agglomerate(VORONOI, bisector=bisector, n_parts=parts).levels[0]) < 1.24
 
