@@ -113,7 +113,7 @@ _RECORDS = (
         "discretisation",
         "turns a problem on a mesh into a linear system, and its solution back into a function",
         ("assemble",),
-        ("deterministic", "3d", "pickles"),
+        ("deterministic", "3d", "pickles", "patch_test"),
         ("general", "discretisation", "calls", "promises"),
         {"accepts": tuple},
     ),

@@ -11,7 +11,7 @@ def agglo_components() -> list[Component]:
             kind="discretisation",
             name="polydg",
             target="agglo_polydg_mg.polydg:PolyDG",
-            promises={"deterministic": True, "3d": True, "pickles": True},
+            promises={"deterministic": True, "3d": True, "pickles": True, "patch_test": True},
             summary="Discontinuous polynomials on polygons and polyhedra (paper, §5).",
         ),
         Component(

@@ -206,6 +206,24 @@ class DrawnPlate(Recipe):
         return problem, on_levels(mesh, frozen_int(np.arange(mesh.n_cells) // 4)), exact
 
 
+def smooth_plate(recipe: DrawnPlate, cells: int) -> tuple[Diffusion, Mesh, Callable[[Float], Float]]:
+    """Return a problem with the solution sin(πx) sin(πy), its mesh of rectangles, and the solution."""
+    mesh = replace(recipe.drawn, family="rectangles", cells=cells, grading=1.0).mesh
+    low, extent = mesh.points.min(axis=0), np.ptp(mesh.points, axis=0)
+
+    def exact(points: Float) -> Float:
+        return np.asarray(np.sin(np.pi * (points - low) / extent).prod(axis=1))
+
+    problem = Diffusion(recipe.left, times(exact, recipe.left * np.pi**2 * (1.0 / extent**2).sum()))
+    return problem, mesh, exact
+
+
+def boundary_tags(mesh: Mesh, name: str = Diffusion.boundary) -> list[int]:
+    """Return the values of a face tag on the boundary, 0 on a mesh without the tag."""
+    tags = mesh.face_tags.get(name, np.zeros(mesh.n_faces, np.int64))
+    return [int(tag) for tag in np.unique(tags[mesh.outer_faces])]
+
+
 def on_levels(mesh: Mesh, *levels: Int) -> Hierarchy:
     """Return the hierarchy with the given labels for each level, finest first."""
     targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]

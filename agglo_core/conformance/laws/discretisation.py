@@ -1,22 +1,53 @@
-"""Laws for a discretisation: systems fit the mesh, and unknowns represent functions on the mesh."""
+"""Laws for a discretisation: its systems, its functions, and its solutions of diffusion problems."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
 
+from agglo_core.arrays import Float
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.drawn import drawn_labels
+from agglo_core.conformance.inputs.problem_strategies import plates
 from agglo_core.conformance.inputs.questions import answer, as_array, in_words
+from agglo_core.conformance.inputs.solver_cases import DrawnPlate, boundary_tags, smooth_plate
 from agglo_core.conformance.inputs.strategies import mesh_cases
-from agglo_core.problems import Samples, System
+from agglo_core.errors import AggloError
+from agglo_core.mesh import Mesh
+from agglo_core.problems import Diffusion, Samples, System
 
 _METHODS = ("check", "coarse_operator", "project", "evaluate", "sample", "errors", "load", "residual_measure")
 _EXAMPLES = 30  # drawn meshes for each law
+_ROUNDING = 1e-8  # relative error of a solution that is exact
+
+
+def _takes_diffusion(subject: Subject) -> bool:
+    return Diffusion.kind in subject.build().accepts
+
+
+def _assemble(tool: Any, problem: Diffusion, mesh: Mesh) -> System | None:
+    """Return the system of a problem, or None if the discretisation refuses the problem."""
+    try:
+        return tool.assemble(problem, mesh)  # type: ignore[no-any-return]
+    except AggloError:
+        return None
+
+
+def _solve(tool: Any, problem: Diffusion, mesh: Mesh) -> Float | None:
+    """Return the solution's values ``(n_cells,)`` at the cell centroids, or None for a refused problem."""
+    system = _assemble(tool, problem, mesh)
+    if system is None:
+        return None
+    x = np.atleast_1d(spsolve(sparse.csc_array(system.A), system.b))
+    return np.asarray(tool.evaluate(mesh, x, mesh.cell_centroids))
 
 
 @law("discretisation")
@@ -69,3 +100,175 @@ def constants_kept(subject: Subject, case: Case) -> None:
             f"on {case.name}: {method} of the projection of 3 is {in_words(values)}, expected 3 at all "
             "points",
         )
+
+
+@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES)
+def samples_fill_cells(subject: Subject, case: Case) -> None:
+    """The simplices of ``sample`` fill each cell once, and ``evaluate`` gives NaN outside the mesh."""
+    tool, mesh = subject.build(), case.given[1]
+    x = as_array(tool.project(mesh, 1.0))
+    samples = tool.sample(mesh, x)
+    corners = samples.points[samples.simplices] - mesh.points.mean(axis=0)
+    edges = corners[:, 1:] - corners[:, :1]
+    sizes = np.abs(np.linalg.det(edges)) / (2.0 if mesh.dim == 2 else 6.0)
+    found = np.bincount(samples.cells[samples.simplices[:, 0]], sizes, mesh.n_cells)
+    wrong = np.flatnonzero(np.abs(found - mesh.cell_measures) > 1e-6 * mesh.cell_measures)
+    require(
+        not len(wrong),
+        f"on {case.name}: the simplices of cell {wrong[:1]} have the measure {found[wrong[:1]]}, the cell "
+        f"{mesh.cell_measures[wrong[:1]]}",
+    )
+    beyond = mesh.points.max(axis=0) + np.ptp(mesh.points, axis=0)
+    value = as_array(tool.evaluate(mesh, x, beyond[None]))
+    require(
+        value.shape == (1,) and bool(np.isnan(value).all()),
+        f"on {case.name}: evaluate gives {value} at a point outside the mesh, expected NaN",
+    )
+
+
+@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
+def symmetric_and_definite(subject: Subject, case: Case) -> None:
+    """The matrix of a diffusion problem is symmetric and positive definite."""
+    tool, mesh = subject.build(), case.given[1]
+    rough = 10.0 ** np.random.default_rng(1).uniform(-2.0, 2.0, mesh.n_cells)
+    system = _assemble(tool, Diffusion(rough), mesh)
+    if system is None:
+        return
+    A = sparse.csr_array(system.A).toarray()
+    A = A / np.sqrt(np.outer(np.abs(np.diag(A)), np.abs(np.diag(A))))  # independent of units
+    require(
+        np.abs(A - A.T).max() <= _ROUNDING,
+        f"on {case.name}: the matrix differs from its transpose by {np.abs(A - A.T).max():.1e} of its "
+        "diagonal",
+    )
+    least = float(np.linalg.eigvalsh(A)[0])
+    require(
+        least > 0.0,
+        f"on {case.name}: the matrix scaled to a diagonal of ones has the eigenvalue {least:.1e}: enlarge "
+        "the penalty or stabilisation, with the coefficient of both cells",
+    )
+
+
+@drawn_law("discretisation", draw=plates, examples=_EXAMPLES, when=_takes_diffusion)
+def linear_met(subject: Subject, recipe: DrawnPlate) -> None:
+    """Linear solutions are met at the centroids of rectangles and boxes, even at a jump of κ."""
+    problem, hierarchy, exact = recipe.posed
+    mesh = hierarchy.fine
+    assert mesh is not None
+    _require_met(_solve(subject.build(), problem, mesh), exact(mesh.cell_centroids), mesh)
+
+
+@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, promise="patch_test", when=_takes_diffusion)
+def patch_test(subject: Subject, case: Case) -> None:
+    """Linear solutions are met on any mesh, and linear functions are their own projections."""
+    tool, mesh = subject.build(), case.given[1]
+    low, extent = mesh.points.min(axis=0), np.ptp(mesh.points, axis=0)
+
+    def linear(points: Float) -> Float:
+        return np.asarray(1.0 + (points - low) / extent @ np.array([3.0, -2.0, 0.5])[: mesh.dim])
+
+    problem = Diffusion(2.0, 0.0, dict.fromkeys(boundary_tags(mesh), linear))
+    exact = linear(mesh.cell_centroids)
+    projected = tool.evaluate(mesh, tool.project(mesh, linear), mesh.cell_centroids)
+    _require_met(projected, exact, mesh, "the projection of a linear function")
+    _require_met(_solve(tool, problem, mesh), exact, mesh)
+
+
+def _require_met(values: Float | None, exact: Float, mesh: Mesh, what: str = "a linear solution") -> None:
+    """Require that values ``(n_cells,)`` at the centroids are exact, unless the problem was refused."""
+    if values is None:
+        return
+    inside = ~np.isnan(values)  # the centroid of a cell may lie in a hole of the mesh
+    gaps = np.where(inside, np.abs(values - exact), 0.0)
+    worst = int(np.argmax(gaps))
+    require(
+        gaps[worst] <= 1e3 * _ROUNDING * np.abs(exact).max(),
+        f"on {mesh.name}: {what} is {values[worst]:.8g} at {mesh.cell_centroids[worst]}, expected "
+        f"{exact[worst]:.8g}",
+    )
+
+
+@drawn_law("discretisation", draw=plates, examples=6, when=_takes_diffusion)
+def second_order(subject: Subject, recipe: DrawnPlate) -> None:
+    """For a smooth solution with a source, halving the cell size divides the error by 2.5 or more."""
+    gaps = []
+    for cells in (36, 144):
+        problem, mesh, exact = smooth_plate(recipe, cells)
+        values = _solve(subject.build(), problem, mesh)
+        if values is None:
+            return
+        gaps.append(float(np.abs(values - exact(mesh.cell_centroids)).max()))
+    require(
+        gaps[1] <= max(0.4 * gaps[0], 1e-4) and gaps[0] < 0.5,
+        f"for u = sin(πx) sin(πy) the largest error at the centroids is {gaps[0]:.1e} with 6 by 6 cells and "
+        f"{gaps[1]:.1e} with 12 by 12: integrate the source over cells, and fluxes over faces",
+    )
+
+
+@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
+def coarse_like_fine(subject: Subject, case: Case) -> None:
+    """``coarse_operator`` fits the coarse mesh, is symmetric, and for single cells equals the matrix."""
+    tool, mesh = subject.build(), case.given[1]
+    kappa = 10.0 ** np.random.default_rng(2).uniform(-1.0, 1.0, mesh.n_cells)
+    problem = Diffusion(kappa)
+    system = _assemble(tool, problem, mesh)
+    if system is None:
+        return
+    A = sparse.csr_array(system.A)
+    alone = sparse.csr_array(tool.coarse_operator(problem, mesh, np.arange(mesh.n_cells)))
+    gap = np.abs((A - alone).toarray()).max() if A.shape == alone.shape else np.inf
+    require(
+        gap <= 1e-6 * np.abs(A.data).max(),
+        f"on {case.name}: with one agglomerate per cell the coarse operator {alone.shape} differs from the "
+        f"matrix {A.shape} by {gap:.1e}",
+    )
+    labels = drawn_labels(mesh.graph, "grown", min(3, mesh.n_cells))
+    coarse = sparse.csr_array(tool.coarse_operator(problem, mesh, labels)).toarray()
+    n = tool.assemble(Diffusion(), mesh.coarsen(labels)).n
+    require(
+        coarse.shape == (n, n) and np.abs(coarse - coarse.T).max() <= _ROUNDING * np.abs(coarse).max(),
+        f"on {case.name} in {labels.max() + 1} parts: the coarse operator has the shape {coarse.shape}, "
+        f"expected a symmetric matrix with the {n} unknowns of mesh.coarsen(labels)",
+    )
+
+
+@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
+def errors_measured(subject: Subject, case: Case) -> None:
+    """The error ``l2`` of the function 1 is the root of the domain's measure if the solution is 0."""
+    tool, mesh = subject.build(), case.given[1]
+    problem = Diffusion(source=0.0, exact=lambda points: np.zeros(len(points)))
+    norms = tool.errors(problem, mesh, tool.project(mesh, 1.0))
+    root = float(np.sqrt(mesh.cell_measures.sum()))
+    require(
+        "l2" not in norms or abs(norms["l2"] - root) <= 1e-6 * root,
+        f"on {case.name}: the error l2 is {norms.get('l2')}, expected {root}, the root of the measure",
+    )
+    nothing = tool.errors(replace(problem, exact=None), mesh, tool.project(mesh, 1.0))
+    require(
+        not nothing, f"on {case.name}: without an exact solution errors returned {nothing}, expected {{}}"
+    )
+
+
+@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
+def load_and_residuals(subject: Subject, case: Case) -> None:
+    """``load`` is b without Dirichlet terms, and residuals are measured in a norm, relative to b."""
+    tool, mesh = subject.build(), case.given[1]
+    zero, three = (dict.fromkeys(boundary_tags(mesh), value) for value in (0.0, 3.0))
+    plain, lifted = Diffusion(source=2.0, dirichlet=zero), Diffusion(source=2.0, dirichlet=three)
+    without, system = (_assemble(tool, problem, mesh) for problem in (plain, lifted))
+    if without is None or system is None:
+        return
+    expected, b = without.b, system.b
+    load = as_array(tool.load(lifted, mesh, b))
+    require(
+        load.shape == expected.shape
+        and np.abs(load - expected).max() <= 1e3 * _ROUNDING * np.abs(expected).max(),
+        f"on {case.name}: the load with boundary value 3 differs from b with boundary value 0",
+    )
+    measure = tool.residual_measure(plain, mesh, expected)
+    r = np.random.default_rng(4).standard_normal(len(expected)) * np.abs(expected).max()
+    once, twice, none = (float(measure(factor * r)) for factor in (1.0, 2.0, 0.0))
+    require(
+        none == 0.0 and once > 0.0 and abs(twice - 2.0 * once) <= _ROUNDING * twice,
+        f"on {case.name}: the measures of r, 2r and 0 are {once}, {twice} and {none}: expected a norm",
+    )

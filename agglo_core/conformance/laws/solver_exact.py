@@ -18,7 +18,7 @@ from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
 from agglo_core.conformance.inputs.problem_strategies import plates, solver_cases
 from agglo_core.conformance.inputs.solver_answers import gap, solve_unless_refused, takes, values
-from agglo_core.conformance.inputs.solver_cases import DrawnPlate, on_levels, times
+from agglo_core.conformance.inputs.solver_cases import DrawnPlate, boundary_tags, on_levels, smooth_plate
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion
 
@@ -40,17 +40,10 @@ def _unknowns(subject: Subject, problem: Diffusion, hierarchy: Hierarchy) -> Flo
     return None if it is None else it.x
 
 
-def _boundary_values(hierarchy: Hierarchy, name: str) -> list[int]:
-    """Return the values of a face tag on the boundary."""
-    mesh = hierarchy.fine
-    assert mesh is not None
-    tags = mesh.face_tags.get(name, np.zeros(mesh.n_faces, np.int64))
-    return [int(tag) for tag in np.unique(tags[mesh.face_cells[:, 1] < 0])]
-
-
 def _found(subject: Subject, problem: Diffusion, hierarchy: Hierarchy) -> Float | None:
     """Return the solution at the cell centroids, or None if it is refused or cannot be evaluated."""
-    tags = _boundary_values(hierarchy, problem.boundary)
+    assert hierarchy.fine is not None
+    tags = boundary_tags(hierarchy.fine, problem.boundary)
     constant = replace(problem, source=0.0, dirichlet=dict.fromkeys(tags, 1.0), neumann={})
     one, x = (_unknowns(subject, each, hierarchy) for each in (constant, problem))
     require(
@@ -65,7 +58,7 @@ def _found(subject: Subject, problem: Diffusion, hierarchy: Hierarchy) -> Float 
 def constant_found(subject: Subject, case: Case) -> None:
     """Without source and with boundary value 1 wherever given, the solution is 1 for any κ, on any mesh."""
     problem, hierarchy = case.given
-    first, *others = _boundary_values(hierarchy, "boundary")
+    first, *others = boundary_tags(hierarchy.fine)
     partly = Diffusion(
         problem.kappa, 0.0, {first: 1.0}, dict.fromkeys(others[:1], 0.0)
     )  # the last is insulated
@@ -92,7 +85,7 @@ def constant_found(subject: Subject, case: Case) -> None:
 def data_superposed(subject: Subject, case: Case) -> None:
     """Source, boundary values and fluxes add up, and have the same effect as numbers, arrays or functions."""
     problem, hierarchy = case.given
-    first, *others = _boundary_values(hierarchy, "boundary")
+    first, *others = boundary_tags(hierarchy.fine)
     n = hierarchy.graph.n
     data = {
         "source": Diffusion(problem.kappa, 2.0, {first: 0.0}),
@@ -149,13 +142,7 @@ def finer_is_closer(subject: Subject, recipe: DrawnPlate) -> None:
     """For a smooth solution with a source, halving the cell size divides the error by 2.5 or more."""
     errors = []
     for cells in (36, 144):
-        mesh = replace(recipe.drawn, family="rectangles", cells=cells, grading=1.0).mesh
-        low, extent = mesh.points.min(axis=0), np.ptp(mesh.points, axis=0)
-
-        def exact(points: Float, low: Float = low, extent: Float = extent) -> Float:
-            return np.asarray(np.sin(np.pi * (points - low) / extent).prod(axis=1))
-
-        problem = Diffusion(recipe.left, times(exact, recipe.left * np.pi**2 * (1.0 / extent**2).sum()))
+        problem, mesh, exact = smooth_plate(recipe, cells)
         u = _found(subject, problem, on_levels(mesh, np.arange(cells) // 4))
         if u is None:
             return

@@ -32,12 +32,69 @@ class SamplesCorners(PolyDG):
         return replace(samples, values=samples.values[:3])
 
 
+class FirstTriangles(PolyDG):
+    def sample(self, mesh, x):
+        samples = super().sample(mesh, x)
+        return replace(samples, simplices=samples.simplices[:1])
+
+
+class WeakPenalty(PolyDG):
+    def __init__(self):
+        super().__init__(penalty=0.2)
+
+
+class ForgetsJumps(PolyDG):
+    """Average the coefficient over the mesh."""
+
+    def assemble(self, problem, mesh):
+        kappa = problem.kappa(mesh.cell_centroids) if callable(problem.kappa) else problem.kappa
+        return super().assemble(replace(problem, kappa=float(np.mean(kappa))), mesh)
+
+
+class InTheBox(PolyDG):
+    """Project onto functions that are constant in each cell."""
+
+    def project(self, mesh, function):
+        x = super().project(mesh, function).copy()
+        x.reshape(mesh.n_cells, -1)[:, 1:] = 0.0
+        return x
+
+
+class ForgetsTheSource(PolyDG):
+    """Halve the source away from the boundary."""
+
+    def assemble(self, problem, mesh):
+        system = super().assemble(problem, mesh)
+        b = np.array(system.b).reshape(mesh.n_cells, -1)
+        touching = np.unique(mesh.face_cells[mesh.outer_faces, 0])
+        inside = np.setdiff1d(np.arange(mesh.n_cells), touching)
+        b[inside] *= 0.5
+        return replace(system, b=b.ravel())
+
+
+class CoarseOfCells(PolyDG):
+    """Take the mean of κ over the mesh for each agglomerate."""
+
+    def coarse_operator(self, problem, mesh, labels):
+        return super().coarse_operator(replace(problem, kappa=float(np.mean(problem.kappa))), mesh, labels)
+
+
+class ErrorsPerCell(PolyDG):
+    def errors(self, problem, mesh, x):
+        return {name: value / mesh.n_cells for name, value in super().errors(problem, mesh, x).items()}
+
+
+class WholeLoad(PolyDG):
+    def load(self, problem, mesh, b):
+        return b
+
+
 class RefusesAll(PolyDG):
     def assemble(self, problem, mesh):
         raise OptionError("there is no such problem")
 
 
-CORRECT = [(PolyDG, {"deterministic": True, "3d": True, "pickles": True})]
+CORRECT = [(PolyDG, {"deterministic": True, "3d": True, "pickles": True, "patch_test": True})]
 
 MUTANTS = [
     Mutant("answers", RefusesAll, "refuses every problem"),
@@ -45,4 +102,12 @@ MUTANTS = [
     Mutant("system_fits_mesh", BlocksOfUnknowns, "block_offsets holds the unknowns of cell c"),
     Mutant("constants_kept", HalvesProjections, "evaluate of the projection of 3"),
     Mutant("constants_kept", SamplesCorners, "sample of the projection of 3"),
+    Mutant("samples_fill_cells", FirstTriangles, "the simplices of cell"),
+    Mutant("symmetric_and_definite", WeakPenalty, "enlarge the penalty"),
+    Mutant("linear_met", ForgetsJumps, "a linear solution is"),
+    Mutant("patch_test", InTheBox, "the projection of a linear function", promises={"patch_test": True}),
+    Mutant("second_order", ForgetsTheSource, "integrate the source over cells"),
+    Mutant("coarse_like_fine", CoarseOfCells, "one agglomerate per cell"),
+    Mutant("errors_measured", ErrorsPerCell, "the root of the measure"),
+    Mutant("load_and_residuals", WholeLoad, "the load with boundary value 3"),
 ]
