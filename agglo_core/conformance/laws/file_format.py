@@ -77,6 +77,14 @@ def read_back(subject: Subject, case: Case) -> None:
         "keep the order of the cells and the names of tags, and refuse with an AggloError what the "
         "format cannot hold",
     )
+    untagged = replace(mesh, cell_tags={}, face_tags={})
+    later = answer(subject, tool, replace(case, given=(untagged, case.given[1])))
+    stale = sorted((mesh.cell_tags.keys() & later.cell_tags) | (mesh.face_tags.keys() & later.face_tags))
+    require(
+        not stale,
+        f"on {case.name}: a file without tags, read later, has the tag {stale[:1]} of this mesh: keep "
+        "nothing of a file in self, in the module or in a default argument",
+    )
     if getattr(tool, "lossless", False):
         changed = [name for name in _EXACT if not np.array_equal(getattr(mesh, name), getattr(back, name))]
         for tags in ("cell_tags", "face_tags"):

@@ -41,9 +41,37 @@ def prolongation_fits(subject: Subject, case: Case) -> None:
         f"on {case.name}: its {m} columns cannot be divided evenly among {parts} parts: return "
         "CoarseSpace(P, block_offsets), whose offsets increase from 0 to the number of columns",
     )
+    _require_grouped(subject, case, parts)
     size = sparse.linalg.norm(P, axis=0)
     rank = np.linalg.matrix_rank(P.toarray() / np.where(size > 0.0, size, 1.0), tol=1e-8)
     require(rank == m, f"on {case.name}: {m} columns have rank {rank}: the coarse matrix would be singular")
+
+
+def _require_grouped(subject: Subject, case: Case, parts: int) -> None:
+    """Require that columns are grouped by part: without couplings between parts each lies in its own part."""
+    step = case.given[0]
+    unknowns = np.diff(step.block_offsets)
+    part = np.repeat(step.coarse_labels if step.parents is None else step.parents, unknowns)
+    entries = sparse.coo_array(step.A)
+    within = part[entries.coords[0]] == part[entries.coords[1]]
+    A = sparse.csr_array(sparse.coo_array((entries.data * within, entries.coords), shape=entries.shape))
+    A.eliminate_zeros()
+    if step.A.format == "bsr":
+        A = sparse.bsr_array(A, blocksize=step.A.blocksize)
+    space = _space(subject, replace(case, given=(replace(step, A=A),)))
+    if space is None:
+        return
+    P = abs(space.P).tocsc()
+    m = P.shape[1]
+    offsets = space.block_offsets if space.block_offsets is not None else np.arange(parts + 1) * (m // parts)
+    owner = np.repeat(np.arange(parts), np.diff(offsets))
+    largest = np.array([part[np.argmax(P[:, [column]].toarray())] for column in range(m)])
+    wrong = np.flatnonzero(largest != owner)
+    require(
+        not len(wrong),
+        f"on {case.name} without couplings between parts: column {wrong[:1]} belongs to part "
+        f"{owner[wrong[:1]]} but lies in part {largest[wrong[:1]]}: order the columns part by part",
+    )
 
 
 @drawn_law("transfer", draw=coarsening_cases, examples=_EXAMPLES)

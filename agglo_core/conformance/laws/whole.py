@@ -21,7 +21,7 @@ from agglo_core.errors import AggloError
 from agglo_core.registry import KINDS
 
 
-@law(*KINDS)
+@law(*ASKED)
 def same_seed_same_result(subject: Subject) -> None:
     """Equal calls with equal seeds give equal results, by two objects with equal options or by one."""
     for case in questions(subject):

@@ -37,6 +37,16 @@ class Toy:
         path.write_text(json.dumps({"points": mesh.points.tolist(), "cells": cells, "tags": tags}))
 
 
+class RemembersTags(Toy):
+    _tags = {}  # noqa: RUF012 - the bug
+
+    def read(self, path):
+        mesh = super().read(path)
+        self._tags.update(mesh.cell_tags)
+        fitting = {name: tag for name, tag in self._tags.items() if len(tag) == mesh.n_cells}
+        return replace(mesh, cell_tags=fitting)
+
+
 _PARTS = ("points", "face_offsets", "face_vertices", "face_cells")
 
 
@@ -213,6 +223,7 @@ MUTANTS = [
     Mutant("suffixes_declared", LoudSuffix, "lower case"),
     Mutant("read_back", SixDigits, "17 digits"),
     Mutant("read_back", DropsTags, "cell tag"),
+    Mutant("read_back", RemembersTags, "keep nothing of a file"),
     Mutant("read_back", SaysLossless, "set lossless = False"),
     Mutant("read_back", ExchangesTags, "differs"),
     Mutant("read_back", WrapsLargeTags, "differs"),

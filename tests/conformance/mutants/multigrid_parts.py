@@ -90,6 +90,15 @@ class TwiceTheSame(Constants):
         return sparse.csr_array(sparse.kron(P, [[1.0, 1.0]]))
 
 
+class ByComponent(Constants):
+    """Columns component by component."""
+
+    def prolongation(self, step):
+        P, width = super().prolongation(step), int(step.block_offsets[1])
+        columns = np.arange(P.shape[1]).reshape(-1, width).T.ravel()
+        return sparse.csr_array(P[:, columns])
+
+
 class Differences(Constants):
     """Functions with signs that alternate from cell to cell."""
 
@@ -205,6 +214,7 @@ MUTANTS = [
     Mutant("prolongation_fits", DenseProlongation, "expected a sparse matrix"),
     Mutant("prolongation_fits", OneColumnMore, "cannot be divided evenly"),
     Mutant("prolongation_fits", TwiceTheSame, "have rank"),
+    Mutant("prolongation_fits", ByComponent, "part by part"),
     Mutant("near_null_kept", MeanSizes, "outside the range"),
     Mutant("near_null_kept", SumsOnly, "the coarse ones"),
     Mutant("near_null_kept", Differences, "outside the range"),

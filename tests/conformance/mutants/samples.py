@@ -54,6 +54,11 @@ def unseeded(n: int = 3) -> Mesh:
     return bars(n, int(np.random.default_rng().integers(2**31)))
 
 
+def unseeded_by_zero(n: int = 3, seed: int = 1) -> Mesh:
+    """Return a bar with ``n`` cells, with new random widths in each call for the ``seed`` 0."""
+    return bars(n, seed or int(np.random.default_rng().integers(2**31)))
+
+
 def from_global_state(n: int = 3) -> Mesh:
     """Return a bar with ``n`` cells."""
     return bars(n, np.random.randint(1000))  # noqa: NPY002 - the bug
@@ -73,6 +78,11 @@ def ignores_the_seed(seed: int = 0) -> Mesh:
 def hashed() -> Mesh:
     """Return a bar with a tag by the hash of a name, which differs from process to process."""
     return replace(bars(3), cell_tags={"name": np.full(3, hash("name") % 2**31)})
+
+
+def ignores_the_height(n: int = 3, height: float = 1.0) -> Mesh:
+    """Return a bar with ``n`` cells and a ``height`` that only its name contains."""
+    return replace(bars(n), name=f"bar of height {height}")
 
 
 def clips(n: int = 3) -> Mesh:
@@ -103,7 +113,9 @@ MUTANTS = [
     Mutant("size_matters", clips, "more are expected", kind="sample"),
     Mutant("sample_is_mesh", cracked, "give each point one number", kind="sample"),
     Mutant("sample_in_space", flat, "drop the promise", {"3d": True}, kind="sample"),
-    Mutant("same_seed_same_result", unseeded, "without a seed", kind="sample"),
+    Mutant("options_matter", ignores_the_height, "option height", kind="sample"),
+    Mutant("equal_options_equal_mesh", unseeded, "pass the seed", kind="sample"),
+    Mutant("equal_options_equal_mesh", unseeded_by_zero, "even if it is 0", kind="sample"),
     Mutant("same_in_another_process", hashed, "hash() of a string", kind="sample"),
     Mutant("surroundings_kept", from_global_state, "default_rng", kind="sample"),
     Mutant("surroundings_kept", talks, "logging", kind="sample"),
