@@ -49,6 +49,11 @@ class Case:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
+    def title(self) -> str:
+        """Name of the test case with its options."""
+        return self.name + "".join(f" with {name}={value!r}" for name, value in self.options.items())
+
+    @property
     def size(self) -> int | None:
         """Expected length of the component's result, or None if unknown or not an array."""
         first = self.given[0]

@@ -6,7 +6,7 @@ plain mesh.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -193,13 +193,19 @@ def run_cases(draw: Draw, subject: Subject) -> Case:
 
 
 @composite
-def metric_cases(draw: Draw, subject: Subject, families: Sequence[str] | None = None) -> Case:
-    """Draw a mesh with labels for a metric, also in 3-D if it promises 3-D."""
+def metric_cases(
+    draw: Draw,
+    subject: Subject,
+    families: Sequence[str] | None = None,
+    options: Sequence[Mapping[str, Any]] = ({},),
+) -> Case:
+    """Draw a mesh with labels for a metric, also in 3-D if it promises 3-D, and options of the metric."""
     solid = families == SOLID or (subject.promised("3d") and draw(st.booleans()))
     # Circles and balls in thin parts are found less accurately in 3-D.
     stretches = (1.0, 0.2, 5.0) if solid else (1.0, 0.02, 50.0)
     recipe = draw(meshes(families or (SOLID if solid else PLANE), shifts=(0.0, 3.0), stretches=stretches))
-    return mesh_case(recipe, draw(one_of_values(LAYOUTS)), draw(one_of_values((1, 2, 3, 5, 9))))
+    case = mesh_case(recipe, draw(one_of_values(LAYOUTS)), draw(one_of_values((1, 2, 3, 5, 9))))
+    return replace(case, options=draw(one_of_values(options)))
 
 
 @composite

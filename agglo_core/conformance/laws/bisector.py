@@ -104,7 +104,7 @@ def shares_kept(subject: Subject, case: Case) -> None:
     graph, tool = case.given[0], subject.build()
     if not np.array_equal(graph.weights, graph.mass):
         return  # bisectors may balance weights where these differ from the mass
-    shares = frozen_float(np.resize((0.2, 0.4, 1.0 / 3.0), graph.n_blocks))
+    shares = frozen_float(np.resize((0.1, 0.5, 1.0 / 3.0), graph.n_blocks))
     by_share = SimpleNamespace(bisect_level=lambda level, seeds: tool.bisect_shares(level, seeds, shares))
     sides = plain(subject, by_share, case)
     for b, (mass, side) in enumerate(zip(chunks(graph, graph.mass), chunks(graph, sides), strict=True)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from math import inf
 from numbers import Real
@@ -27,8 +28,10 @@ from agglo_core.conformance.inputs.mesh_changes import (
     turn_inner_faces,
 )
 from agglo_core.conformance.inputs.metric_cases import HAND, PLAIN, by_hand, halve_faces, layouts
+from agglo_core.conformance.inputs.option_values import option_choices
 from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
 from agglo_core.conformance.inputs.strategies import metric_cases
+from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 
@@ -254,13 +257,28 @@ def better_is_better(subject: Subject) -> None:
 _MOVES = 6  # number of moves per case; each is measured
 
 
+def _with_options(subject: Subject) -> Any:
+    """Draw test cases with the accepted values of the metric's options."""
+    return metric_cases(
+        subject, options=[each for each in option_choices(subject) if _accepts(subject, each)]
+    )
+
+
+def _accepts(subject: Subject, options: Mapping[str, Any]) -> bool:
+    try:
+        subject.make(**options)
+    except AggloError:
+        return False
+    return True
+
+
 @drawn_law(
-    "metric", draw=metric_cases, fixed=_many_parts, when=lambda subject: subject.has("changes"), examples=30
+    "metric", draw=_with_options, fixed=_many_parts, when=lambda subject: subject.has("changes"), examples=30
 )
 def changes_add_up(subject: Subject, case: Case) -> None:
     """The values of ``changes`` equal the effect of moving one cell on the sum of all values."""
     mesh, labels = case.given
-    tool, current = subject.build(), np.array(labels)
+    tool, current = subject.make(**case.options), np.array(labels)
     weights = frozen_float(1.0 + np.arange(mesh.n_cells) % 3)  # user weights, unlike the measures
     graph = replace(mesh.graph, weights=weights)
     # After each round the same array holds other labels.
@@ -274,14 +292,14 @@ def changes_add_up(subject: Subject, case: Case) -> None:
             f"on {case.name}: changes returned {in_words(changes)} for {len(cells)} moves, expected one "
             "value per move",
         )
-        before = _sum_of_values(subject, mesh, current)
+        before = _sum_of_values(subject, tool, mesh, current)
         moves = zip(cells, parts, strict=True)
-        sums = np.array([_sum_of_values(subject, mesh, _moved(current, *move)) for move in moves])
+        sums = np.array([_sum_of_values(subject, tool, mesh, _moved(current, *move)) for move in moves])
         slack = 1e-8 * (abs(before) + np.abs(sums).max()) + _unit(subject, case, 1e-8)
         wrong = np.flatnonzero(np.abs(changes - sums + before) > slack)
         require(
             not len(wrong),
-            f"on {case.name}: changes returned {changes[wrong[:1]]}, the sum of measure changes by "
+            f"on {case.title}: changes returned {changes[wrong[:1]]}, the sum of measure changes by "
             f"{sums[wrong[:1]] - before}: return the sum of all values after the move minus the sum before, "
             "for the labels that the array holds now",
         )
@@ -307,8 +325,8 @@ def _moved(labels: Int, cell: int, part: int) -> Int:
     return frozen_int(labels)
 
 
-def _sum_of_values(subject: Subject, mesh: Mesh, labels: Int) -> float:
-    return float(plain(subject, subject.build(), Case("after a move", (mesh, frozen_int(labels)))).sum())
+def _sum_of_values(subject: Subject, tool: Any, mesh: Mesh, labels: Int) -> float:
+    return float(plain(subject, tool, Case("after a move", (mesh, frozen_int(labels)))).sum())
 
 
 def _with_mesh(case: Case, mesh: Mesh) -> Case:

@@ -7,19 +7,19 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
-from enum import Enum
 from itertools import pairwise
-from typing import Any, Literal, get_args, get_origin
+from typing import Any
 
 from scipy.spatial import cKDTree
 
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.option_values import option_choices, option_values
 from agglo_core.conformance.inputs.questions import digest, in_words
 from agglo_core.errors import AggloError
 from agglo_core.mesh import Mesh
-from agglo_core.registry.options import Option, options_of
+from agglo_core.registry.options import options_of
 
 _SIZES = (2, 3, 5, 9, 16, 25, 40)
 _MANY = 3000  # cells; larger samples are not made
@@ -29,7 +29,7 @@ _FEW = 5  # some samples make equal meshes for n = 2 and 3
 @law("sample")
 def sample_is_mesh(subject: Subject) -> None:
     """The sample is a Mesh without cracks: no two faces of the boundary lie in the same place."""
-    for options in _choices(subject):
+    for options in option_choices(subject):
         mesh = _made(subject, options)
         if mesh is None:
             continue
@@ -46,28 +46,6 @@ def sample_is_mesh(subject: Subject) -> None:
             f"{words}, {len(pairs)} pairs of boundary faces lie in the same place, for instance at "
             f"{outer[next(iter(pairs))[0]] if pairs else ''}: give each point one number",
         )
-
-
-def _choices(subject: Subject, *, but: str = "") -> list[dict[str, Any]]:
-    """Return no options, then each value of each option but one, with the others left out."""
-    options = [option for option in options_of(subject.target) or () if option.name != but]
-    return [{}, *({option.name: value} for option in options for value in _values(option))]
-
-
-def _values(option: Option) -> list[Any]:
-    """Return a few values for an option of a common type."""
-    default = option.default
-    if get_origin(option.type) is Literal:
-        return list(get_args(option.type))
-    if isinstance(default, Enum):
-        return list(type(default))
-    if isinstance(default, bool):
-        return [False, True]
-    if isinstance(default, int):
-        return [2, 3, 5, 7, 10]
-    if isinstance(default, float):
-        return [default, 0.9 * default, 1.1 * default + 0.01, 0.5 * default + 0.1, 2.0 * default + 0.3]
-    return []
 
 
 def _made(subject: Subject, options: Mapping[str, Any]) -> Any:
@@ -109,7 +87,7 @@ def _digest(mesh: Mesh) -> bytes:
 def equal_options_equal_mesh(subject: Subject) -> None:
     """Two calls with equal options make equal meshes, also with 0 for a number."""
     numbers = [option.name for option in options_of(subject.target) or () if type(option.default) is int]
-    for options in [*_choices(subject), *({name: 0} for name in numbers)]:
+    for options in [*option_choices(subject), *({name: 0} for name in numbers)]:
         one, other = (_made(subject, options) for _ in range(2))
         require(
             one is None or _digest(one) == _digest(other),
@@ -127,8 +105,8 @@ def options_matter(subject: Subject) -> None:
     """Each option changes the mesh, at least together with one value of another option."""
     for option in options_of(subject.target) or ():
         compared = 0
-        for others in _choices(subject, but=option.name):
-            made = [_made(subject, others | {option.name: value}) for value in _values(option)]
+        for others in option_choices(subject, but=option.name):
+            made = [_made(subject, others | {option.name: value}) for value in option_values(option)]
             meshes = [mesh for mesh in made if mesh is not None]
             compared += len(meshes) > 1
             if len({_digest(mesh) for mesh in meshes}) > 1:

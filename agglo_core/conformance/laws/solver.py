@@ -155,13 +155,14 @@ def claims_hold(subject: Subject, case: Case) -> None:
     size, true = (float(np.linalg.norm(v)) for v in (it.b, it.b - it.A @ it.x))
     require(
         not np.isfinite(true) or abs(last - true) <= 1e-8 * size + 0.01 * true,
-        f"{_on(case)}: the last residual is {last:.3e}, b − A x has {true:.3e}: recompute it "
+        f"on {case.title}: the last residual is {last:.3e}, b − A x has {true:.3e}: recompute it "
         "from the returned x and the given matrix; the recursively updated residual, the preconditioned "
         "one and that of the best iterate are different numbers",
     )
     if not it.converged:
         require(
-            isinstance(it.reason, str) and it.reason, f"{_on(case)}: not converged, but the reason is empty"
+            isinstance(it.reason, str) and it.reason,
+            f"on {case.title}: not converged, but the reason is empty",
         )
         return
     tolerance = next((value for value in case.options.values() if value < 1.0), None)
@@ -173,15 +174,9 @@ def claims_hold(subject: Subject, case: Case) -> None:
         what = "x differs from the direct solution of A x = b by"
     require(
         error <= most,
-        f"{_on(case)}: it reports convergence, but {what} {error:.1e}: compare b − A x itself with the "
+        f"on {case.title}: it reports convergence, but {what} {error:.1e}: compare b − A x itself with the "
         "tolerance after the last iteration; a comparison with NaN must not pass",
     )
-
-
-def _on(case: Case) -> str:
-    """Name a test case with the options for the call."""
-    options = "".join(f" with {name}={value:g}" for name, value in case.options.items())
-    return f"on {case.name}{options}"
 
 
 @drawn_law(
@@ -197,13 +192,13 @@ def history_recorded(subject: Subject, case: Case) -> None:
         return
     require(
         1 not in case.options.values() or other.converged or other.iterations == 1 or not np.any(other.x),
-        f"{_on(case)}: it reports {other.iterations} iterations: the initial residual does not count as an "
-        "iteration",
+        f"on {case.title}: it reports {other.iterations} iterations: the initial residual does not "
+        "count as an iteration",
     )
     common = min(len(usual.residuals) - 1, len(other.residuals) - 1, 2)  # without the last one
     require(
         np.allclose(usual.residuals[:common], other.residuals[:common], rtol=0.5),
-        f"{_on(case)}: the history begins with {other.residuals[:2]}, without the option with "
+        f"on {case.title}: the history begins with {other.residuals[:2]}, without the option with "
         f"{usual.residuals[:2]}: record the residuals during the iteration",
     )
 

@@ -121,6 +121,14 @@ class ForgetsTheOldPart(Spread):
         return 2.0 * np.bincount(labels)[parts] + 1
 
 
+class ForgetsThePower(Spread):
+    def __init__(self, power: int = 2) -> None:
+        self.power = power
+
+    def measure(self, mesh, labels):
+        return np.bincount(labels).astype(float) ** self.power
+
+
 class Wanting(Extent):
     """Correct: area relative to the bounding box, and NaN for loose parts."""
 
@@ -377,6 +385,7 @@ MUTANTS = [
     Mutant("rigid_motion", WidthOverHeight, "not coordinates"),
     Mutant("renaming", ValuesByName, "belong to label i"),
     Mutant("hand_values", Component("metric", "convexity", f"{__name__}:AlwaysOne"), "definition"),
+    Mutant("changes_add_up", ForgetsThePower, "with power="),
     Mutant("changes_add_up", WeighsCells, "minus the sum before"),
     Mutant("declares_itself", SaysYes, "expected True or False"),
     Mutant("within_bounds", InfiniteWhenUndefined, "set undefined = True"),
