@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core import Mesh, samples
+from agglo_core.mesh.elements import polyhedra_from_elements
 
 Array = NDArray[np.float64]
 
@@ -30,6 +33,26 @@ MESHES = {
     "agglomerates of Voronoi cells": samples.voronoi3d(40, seed=2).coarsen(np.arange(40) % 7),
     "hollow": hollow(),
 }
+
+
+def wedge_layers(n: int, layers: int, height: float, seed: int, growth: float = 1.0) -> Mesh:
+    """Return n³ cubes of six noisy tetrahedra, and layers of wedges below, whose heights grow."""
+    cube = samples.tetrahedra(n)
+    corners = cube.cell_vertices[1].reshape(-1, 4)
+    inner = (cube.points > 1e-9) & (cube.points < 1.0 - 1e-9)
+    points = cube.points + inner * np.random.default_rng(seed).uniform(-0.1 / n, 0.1 / n, cube.points.shape)
+    negative = np.linalg.det(points[corners[:, 1:]] - points[corners[:, :1]]) < 0.0
+    corners = np.where(negative[:, None], corners[:, [0, 2, 1, 3]], corners)
+    # Extrude the triangles of the lower side
+    triangles = cube.face_vertices.reshape(-1, 3)
+    triangles = triangles[(cube.points[triangles, 2] < 1e-9).all(axis=1)]
+    lower, triangles = np.unique(triangles, return_inverse=True)
+    sheets = [lower, *(len(points) + np.arange(layers * len(lower)).reshape(layers, -1))]
+    depths = np.cumsum(height * growth ** np.arange(layers))
+    below = [points[lower] - [0.0, 0.0, depth] for depth in depths]
+    wedges = [np.hstack((upper[triangles], under[triangles])) for upper, under in pairwise(sheets)]
+    cells = polyhedra_from_elements({"tetra": corners, "wedge": np.concatenate(wedges)})
+    return Mesh.from_polyhedra(np.concatenate((points, *below)), cells)
 
 
 def gauss_tetrahedron(n: int) -> tuple[Array, Array]:

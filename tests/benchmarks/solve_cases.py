@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial import Delaunay
+
+sys.path.append(str(Path(__file__).parents[1]))  # for the meshes of the tests
+
+from solid_meshes import wedge_layers
 
 from agglo_core import Mesh, agglomerate, samples
 from agglo_core.mesh.elements import polyhedra_from_elements
@@ -26,6 +32,13 @@ def graded(cells: int, ratio: float) -> Mesh:
     x, y = even.points.T
     layers = np.expm1(np.log(ratio) * x) / np.expm1(np.log(ratio))
     return Mesh.from_polygons(np.column_stack((layers, y)), even.boundary_loops.vertices.reshape(-1, 4))
+
+
+def squeezed(cells: int, ratio: float) -> Mesh:
+    """Return Voronoi cells squeezed along y."""
+    mesh = samples.voronoi(cells, seed=0)
+    loops = mesh.boundary_loops
+    return Mesh.from_polygons(mesh.points * [1.0, ratio], (loops.loop_offsets, loops.vertices))
 
 
 def edge(cells: int, each: int = 1) -> int:
@@ -70,6 +83,8 @@ MESHES: Mapping[str, Callable[[int], Mesh]] = {
     "solids": lambda n: samples.voronoi3d(n, seed=0),
     "lumps": lumps,
     "slivers": slivers,
+    "wedges": lambda n: wedge_layers(edge(n // 2, 6), 10, 1e-5, 0),
+    "squeezed": lambda n: squeezed(n, 1e-3),
     "graded": lambda n: graded(n, 1e3),
     "layers": lambda n: graded(n, 1e6),
     "halves": lambda n: samples.voronoi(n, seed=0),
@@ -80,10 +95,12 @@ MESHES: Mapping[str, Callable[[int], Mesh]] = {
 """Meshes by name.
 
 Grading is 1e3, and 1e6 for ``layers``. Voronoi cells have κ of 1 and 1e6 by halves, as a checkerboard, or
-(``contrasts``) at random per cell; on ``jumps`` κ is log-uniform in 1e±3 per cell.
+(``contrasts``) at random per cell; on ``jumps`` κ is log-uniform in 1e±3 per cell; ``squeezed`` cells are
+1e-3 times as high as wide.
 """
-SOLID = ("boxes", "tetrahedra", "solids", "lumps", "slivers")
-"""3-D meshes: ``solids`` are Voronoi cells, ``lumps`` agglomerates of eight tetrahedra."""
+SOLID = ("boxes", "tetrahedra", "solids", "lumps", "slivers", "wedges")
+"""3-D meshes: ``solids`` are Voronoi cells, ``lumps`` agglomerates of eight tetrahedra, ``wedges`` ten layers
+of height 1e-5 under tetrahedra."""
 
 
 def problem_on(name: str, mesh: Mesh) -> Diffusion:

@@ -14,7 +14,7 @@ import numpy as np
 
 from agglo_core.authoring import Float, Int, System, frozen_float, multigrid
 from agglo_polydg_mg.auxiliary.conforming_stack import conforming_stack
-from agglo_polydg_mg.auxiliary.strong_faces import strong_pairs
+from agglo_polydg_mg.auxiliary.strong_faces import columns, strong_pairs
 from agglo_polydg_mg.space.basis import Basis
 
 _SMALL = 0.25
@@ -43,8 +43,9 @@ def grouped_stack(
 
     Other parameters and the levels are documented in
     :func:`~agglo_polydg_mg.auxiliary.conforming_stack.conforming_stack`. By default groups are up to eight
-    cells joined by :func:`~agglo_polydg_mg.auxiliary.strong_faces.strong_pairs`. With ``overlap`` they are
-    the vertex patches, which take half the iterations and several times the time and memory of a sweep.
+    cells joined by :func:`~agglo_polydg_mg.auxiliary.strong_faces.strong_pairs`, in 3-D the
+    :func:`~agglo_polydg_mg.auxiliary.strong_faces.columns` of flat cells. With ``overlap`` they are the
+    vertex patches, which take half the iterations and several times the time and memory of a sweep.
 
     Raises
     ------
@@ -56,6 +57,8 @@ def grouped_stack(
     mesh = basis.mesh
     if overlap:
         groups = multigrid.vertex_patches(mesh)
+    elif mesh.dim == 3:
+        groups, _ = columns(mesh)
     else:
         groups = multigrid.joined_patches(strong_pairs(mesh, sigma), mesh.n_cells)
     smoother = multigrid.VertexPatches(scaled.A, groups, dtype)

@@ -1,10 +1,10 @@
-"""Find faces whose penalty is large or small relative to the other faces of their cells."""
+"""Find flat cells, and faces whose penalty is large or small relative to other faces of their cells."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import Float, Int, Mesh, frozen_float, frozen_int
+from agglo_core.authoring import Float, Int, Mesh, Patches, frozen_float, frozen_int, multigrid
 
 _STRONG = 3.0
 """A face is strong if its penalty exceeds this multiple of the smallest in either cell: many strong faces
@@ -15,6 +15,10 @@ cell. A smaller value makes more groups (benchmarks/solve.py --meshes graded lay
 _WEAK = 0.1
 """A face is weak if a jump costs less than this multiple of the maximum in both cells: many weak faces are
 layers of flat cells (benchmarks/solve.py --meshes graded layers)."""
+
+_COLUMN = 64
+"""Most cells in a column of flat cells. Their inverse takes the square of this number, but layers of more
+cells take several times the iterations."""
 
 
 def strong_pairs(mesh: Mesh, sigma: Float) -> Int:
@@ -54,6 +58,32 @@ def weak_part(mesh: Mesh, sigma: Float) -> float:
     owner, other = mesh.face_cells[inner].T
     weak = jump[inner] < _WEAK * np.minimum(most[owner], most[other])
     return float(np.mean(weak)) if len(weak) else 0.0
+
+
+def flat_part(mesh: Mesh, limit: float) -> float:
+    """Return the fraction of cells with measure less than ``limit`` times the power d of their diameter."""
+    return float(np.mean(mesh.cell_measures < limit * mesh.cell_diameters**mesh.dim))
+
+
+def columns(mesh: Mesh) -> tuple[Patches, float]:
+    """Join cells across their layers, and return the columns with the fraction of strong pairs they cut.
+
+    Cells are joined by :func:`strong_pairs`, where |F| / |T| replaces the penalty of each face F, with the
+    smaller cell T: the sharp penalty of degree 1 hardly depends on the shape of flat cells. A column has up
+    to 64 cells.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    """
+    owner, other = mesh.face_cells.T
+    measures = mesh.cell_measures
+    smaller = np.minimum(measures[owner], measures[np.where(other < 0, owner, other)])
+    pairs = strong_pairs(mesh, frozen_float(mesh.face_measures / smaller))
+    found = multigrid.joined_patches(pairs, mesh.n_cells, most=_COLUMN)
+    column = np.empty(mesh.n_cells, np.int64)
+    column[found.parts] = np.repeat(np.arange(len(found)), np.diff(found.offsets))
+    return found, float(np.mean(np.diff(column[pairs]) != 0)) if len(pairs) else 0.0
 
 
 def _strength(mesh: Mesh, sigma: Float) -> Float:

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from agglo_core.authoring import Float, Mesh, OptionError, solvers
-from agglo_polydg_mg.auxiliary.strong_faces import strong_part, weak_part
+from agglo_polydg_mg.auxiliary.strong_faces import columns, flat_part, strong_part, weak_part
 
 RECIPES: Final = ("auto", "conforming", "patches", "agglomerates")
 CYCLES: Final = ("auto", "V", "W", "F", "K")
@@ -26,6 +26,14 @@ _UNEASY: Final = 0.01
 _LAYERS: Final = 0.02
 """Fraction of weak faces above which a mesh has layers of flat cells (benchmarks/solve.py --meshes graded
 layers)."""
+_FLAT: Final = {2: 0.05, 3: 0.001}
+"""Measure over the power d of the diameter, below which a cell is flat, by dimension. In 2-D with varying κ,
+a tenth: patches are then better on flatter cells only (benchmarks/solve.py --meshes squeezed wedges)."""
+_FLAT_CELLS: Final = 0.01
+"""Fraction of flat cells above which a mesh is flat (benchmarks/solve.py --meshes squeezed wedges)."""
+_CUT: Final = 0.05
+"""Fraction of strong pairs of cells between columns, up to which columns are smoothed instead of vertex
+patches (benchmarks/solve.py --meshes squeezed wedges)."""
 _SMOOTH: Final = 100.0
 """Ratio κ_max / κ_min up to which aggregates serve as well as classical levels (benchmarks/solve.py --meshes
 voronoi halves checks --degrees 1)."""
@@ -60,7 +68,7 @@ class Plan:
         Cycle precision.
     smoother : "cells", "groups" or "patches"
         Smoother on the first level: block Gauss–Seidel on single cells, on groups of up to eight cells
-        joined by strong faces, or on the cells around each vertex.
+        joined by strong faces (in 3-D on columns of flat cells), or on the cells around each vertex.
     bubbles : bool
         Whether the continuous space has bubbles.
     vertices : "aggregates" or "classical"
@@ -100,27 +108,33 @@ def choose(
     A face is *strong* if its penalty is more than 3 times the smallest penalty in one of its cells, and
     *weak* if in both cells a jump costs less than 0.1 times its cost at another face. More than 6 % strong
     faces make a mesh *bad* (slivers, boundary layers); the limit is 3 % for tetrahedra and hexahedra. More
-    than 2 % weak faces make *layers* in meshes of triangles and quadrilaterals. κ *varies* if it spans more
+    than 2 % weak faces make *layers* in meshes of triangles and quadrilaterals. A cell is *flat* if its area
+    is below 0.05 d², its volume below 0.001 d³ (d: diameter), and a mesh is *flat* with more than 1 % flat
+    cells; polygons where κ varies are flat from a tenth of this. The flat cells form *columns* if groups of
+    up to 64 cells separate at most 5 % of the cell pairs with a strong face. κ *varies* if it spans more
     than two decades.
 
-    ================================================  ============  ========  ==========  =====
-    case                                              recipe        smoother  vertices    cycle
-    ================================================  ============  ========  ==========  =====
-    2-D, p = 1, otherwise                             conforming    cells     aggregates  W
-    2-D, p = 1, layers, or κ varies                   conforming    cells     classical   V
-    2-D, p = 1, bad                                   conforming    groups    classical   V
-    2-D, p > 1, otherwise                             conforming    cells     classical   V
-    2-D, p > 1, bad                                   conforming    patches   classical   V
-    2-D, p > 2, polygons, or more than 1 % strong     conforming    patches   classical   V
-    3-D, tetrahedra, p = 1                            conforming    cells     aggregates  W
-    3-D, tetrahedra and hexahedra, otherwise          conforming    cells     aggregates  V
-    3-D, tetrahedra and hexahedra, bad, or κ varies   patches       patches               W
-    3-D, polyhedra                                    agglomerates  cells                 V
-    3-D, polyhedra, bad                               patches       patches               W
-    ================================================  ============  ========  ==========  =====
+    =====================================================  ============  ========  ==========  =====
+    case                                                   recipe        smoother  vertices    cycle
+    =====================================================  ============  ========  ==========  =====
+    2-D, p = 1, otherwise                                  conforming    cells     aggregates  W
+    2-D, p = 1, layers, or κ varies                        conforming    cells     classical   V
+    2-D, p = 1, bad                                        conforming    groups    classical   V
+    2-D, p > 1, otherwise                                  conforming    cells     classical   V
+    2-D, p > 1, bad                                        conforming    patches   classical   V
+    2-D, p > 2, polygons, or more than 1 % strong          conforming    patches   classical   V
+    2-D, polygons, flat                                    patches       patches               W
+    3-D, tetrahedra, p = 1                                 conforming    cells     aggregates  W
+    3-D, tetrahedra to hexahedra, otherwise                conforming    cells     aggregates  V
+    3-D, tetrahedra to hexahedra, bad, flat, or κ varies   patches       patches               W
+    3-D, tetrahedra to hexahedra, flat columns             conforming    groups    aggregates  V
+    3-D, polyhedra                                         agglomerates  cells                 V
+    3-D, polyhedra, bad, or flat                           patches       patches               W
+    =====================================================  ============  ========  ==========  =====
 
     Aggregates are cheap but slow alone, hence the W-cycle. Classical levels are robust against jumping or
     directional couplings, but their matrices are fuller; in layers the couplings inside cells guide them.
+    Where several rows of the table apply, the last one does.
     Polygons have no bubbles unless the mesh is bad, and polyhedra have none, because bubbles would be too
     many. The cycle runs in single precision unless κ spans more than eight decades or the matrix diagonal
     exceeds its range. ``overrides`` replace recipe, cycle and precision.
@@ -164,26 +178,33 @@ def choose(
     strong = strong_part(mesh, sigma)
     contrast = float(kappa.max() / kappa.min())
     varies = contrast > _SMOOTH
+    limit = _FLAT[mesh.dim] * (0.1 if varies and mesh.dim == 2 else 1.0)
+    flat = flat_part(mesh, limit)
     recipe: Any = "conforming"
     smoother: Any = "cells"
     # 2. Choose by the table
     if mesh.dim == 2:
         polygons = most_faces > _QUADRILATERAL
-        flat = bool(np.mean(faces_per_cell > _QUADRILATERAL) < 0.5)
-        bad, layers = strong > _BAD, flat and weak_part(mesh, sigma) > _LAYERS
+        few_polygons = bool(np.mean(faces_per_cell > _QUADRILATERAL) < 0.5)
+        bad, layers = strong > _BAD, few_polygons and weak_part(mesh, sigma) > _LAYERS
         aggregates = degree == 1 and not (bad or layers or varies)
         cycle: Any = "W" if aggregates else "V"
         bubbles = bad or not polygons
         if bad or (degree > 2 and (polygons or strong > _UNEASY)):
             smoother = "patches" if degree > 1 else "groups"
+        if flat > _FLAT_CELLS and not few_polygons:
+            recipe = "patches"
     else:
         polygons = bool(np.mean(faces_per_cell > _HEXAHEDRON) > 0.5)
         bad, layers = strong > _BAD if polygons else strong > _BAD_SOLID or varies, False
+        bad = bad or flat > _FLAT_CELLS
         aggregates = not varies
         cycle = "W" if degree == 1 and most_faces == _TETRAHEDRON else "V"
         bubbles = not polygons
         recipe = "patches" if bad else "agglomerates" if polygons else "conforming"
         smoother = "patches" if bad else "cells"
+        if flat > _FLAT_CELLS and not polygons and columns(mesh)[1] <= _CUT:
+            recipe, smoother, cycle, aggregates = "conforming", "groups", "V", True
     # 3. Apply the user's choices
     if overrides.recipe != "auto":
         recipe = overrides.recipe
@@ -203,6 +224,8 @@ def choose(
     coarse = "continuous space and " + ("its aggregates" if aggregates else "classical levels")
     levels = coarse if recipe == "conforming" else "smoothed agglomerates"
     details = f"{100 * strong:.0f} % strong faces, at most {most_faces} faces a cell"
+    if flat > _FLAT_CELLS:
+        details += f", {100 * flat:.0f} % flat cells"
     kind: solvers.Kind = "cells" if smoother == "cells" and bubbles else "groups"
     return Plan(
         recipe,
