@@ -64,6 +64,17 @@ def five_points(n: int, x: float, y: float) -> sparse.csr_array:
     return sparse.csr_array(x * sparse.kron(one, line) + y * sparse.kron(line, one))
 
 
+def bilinear_elements(widths: np.ndarray, heights: np.ndarray) -> sparse.csr_array:
+    """Return the Q1 matrix for −Δ with zero boundary values on a grid of columns and rows."""
+
+    def line(steps: np.ndarray, own: np.ndarray, other: np.ndarray) -> sparse.dia_array:
+        inner = (other[1:-1], own[:-1] + own[1:], other[1:-1])
+        return sparse.diags_array(inner, offsets=[-1, 0, 1], shape=(len(steps) - 1,) * 2)
+
+    (K, M), (L, N) = ((line(h, 1.0 / h, -1.0 / h), line(h, h / 3.0, h / 6.0)) for h in (widths, heights))
+    return sparse.csr_array(sparse.kron(N, K) + sparse.kron(L, M))
+
+
 def linear_elements(mesh: Mesh) -> tuple[sparse.csr_array, np.ndarray]:
     """Return the P1 matrix for −Δ with zero boundary values, and the indices of inner points."""
     corners = mesh.boundary_loops.vertices.reshape(-1, 3)

@@ -34,7 +34,7 @@ from scipy.sparse.linalg import cg
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from flux_matrices import five_points, linear_elements, two_point_flux, two_valued
+from flux_matrices import bilinear_elements, five_points, linear_elements, two_point_flux, two_valued
 
 from agglo_core import Mesh, agglomerate, samples
 from agglo_core.multigrid import aggregation_stack, classical_stack, cycle
@@ -96,6 +96,12 @@ def cases(n: int, seed: int) -> Iterator[Case]:
         yield (
             f"five-point, 1 : {ratio:g}",
             lambda ratio=ratio: (five_points(m, 1.0, ratio), labels_of(grid, 8)),
+        )
+    for name, widths in (("", np.ones(m + 1)), (", columns", 10.0 ** rng.uniform(-0.5, 0.5, m + 1))):
+        heights = np.full(m + 1, 1e-3)
+        yield (
+            f"Q1, 1 : 0.001{name}",
+            lambda widths=widths, heights=heights: (bilinear_elements(widths, heights), labels_of(grid, 8)),
         )
     yield "P1 on a grid", lambda: elements(samples.triangles(m))
     yield "P1 on random points", lambda: elements(samples.random_triangles(n, seed=seed))

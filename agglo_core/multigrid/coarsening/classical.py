@@ -79,7 +79,8 @@ def classical_stack(
         positive. It determines coarse unknowns and interpolation instead of A. Level matrices remain
         Galerkin products of A.
     theta : float
-        Unknown i depends on j if −a_ij ≥ θ max_k −a_ik, with θ between 0 and 1.
+        Unknown i depends on j if −a_ij ≥ θ max_k −a_ik, with θ between 0 and 1. In rows with positive
+        couplings of that size θ is at least ½.
     dtype : numpy dtype
         Precision of the cycles. Levels are built in double precision.
     coarsest : int

@@ -2,7 +2,7 @@
 
 Unknowns that stay on the coarse level are called C-points in the literature, the others F-points.
 Matrices are CSR with sorted columns and symmetric pattern. Unknown i depends on j if −a_ij is at least θ
-times the largest −a_ik of its row. Then entry (i, j) is strong.
+times the largest −a_ik of its row (at least ½ among large positive entries). Then entry (i, j) is strong.
 """
 
 from __future__ import annotations
@@ -11,13 +11,18 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
+_AMONG_POSITIVE = 0.5
+"""Least θ of a row with large positive entries. Bilinear elements on stretched cells couple diagonal
+neighbours by a quarter to a half of the largest coupling, and positive entries nearly cancel these
+(benchmarks/linear.py)."""
+
 
 @kernel
 def strong_entries(indptr, indices, data, theta, least):
     """Mark the strong entries of a matrix, and the unknowns whose errors need the coarse level.
 
     An unknown with Σ_j≠i |a_ij| of at most ``least`` times a_ii does not need the coarse level, and has no
-    strong entries.
+    strong entries. In a row with a positive entry of at least θ times the largest −a_ik, θ is at least ½.
     """
     n = len(indptr) - 1
     strong = np.zeros(len(indices), np.bool_)
@@ -26,18 +31,21 @@ def strong_entries(indptr, indices, data, theta, least):
         diagonal = 0.0
         total = 0.0
         most = 0.0
-        # Diagonal entry, sum of couplings, and largest negative entry of the row.
+        positive = 0.0
+        # Diagonal entry, sum of couplings, and largest negative and positive entry of the row.
         for k in range(indptr[i], indptr[i + 1]):
             if indices[k] == i:
                 diagonal = data[k]
             else:
                 total += abs(data[k])
                 most = max(most, -data[k])
+                positive = max(positive, data[k])
         # Only negative entries can be strong. A row without negative entries has most = 0, no dependence.
         needy[i] = total > least * diagonal
         if needy[i] and most > 0.0:
+            limit = max(theta, _AMONG_POSITIVE) if positive >= theta * most else theta
             for k in range(indptr[i], indptr[i + 1]):
-                strong[k] = indices[k] != i and -data[k] >= theta * most
+                strong[k] = indices[k] != i and -data[k] >= limit * most
     return strong, needy
 
 
