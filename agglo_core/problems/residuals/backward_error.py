@@ -84,7 +84,8 @@ def limit_told(history: History, A: Any, b: Float) -> History:
     """Add the backward error of the iterate to a history that ended by stagnation.
 
     The history ``ended`` by ``"rounding"`` if the backward error is at most :data:`LIMIT` and the energy
-    error leaves two digits. The reason of any unconverged history names two stiffly joined unknowns, if
+    error leaves two digits. The reason then also states whether the energy error meets the tolerance, and
+    only the residual cannot. The reason of any unconverged history names two stiffly joined unknowns, if
     present (:func:`joints_told`).
 
     Examples
@@ -109,4 +110,7 @@ def limit_told(history: History, A: Any, b: Float) -> History:
         return replace(history, backward_error=error)
     sizes = history.reason.split(": ", 1)[-1]
     reason = f"as accurate as double precision allows (backward error {error:.0e}): {sizes}"
+    reason += (
+        "; the energy error meets this, only the residual cannot" if "energy error" in history.tests else ""
+    )
     return replace(history, ended="rounding", backward_error=error, reason=reason)
