@@ -48,12 +48,15 @@ class Samples:
     simplices : (t, d + 1) int
         Triangles or tetrahedra by point numbers, each within one cell.
     values : (q,) float
+    gradients : (t, d) float, optional
+        Gradient at the centroid of each simplex, written to files.
     """
 
     cells: Int
     points: Float
     simplices: Int
     values: Float
+    gradients: Float | None = None
 
     def plot(self, ax: Any = None, *, across: str = "z", cmap: str = "viridis") -> Any:
         """Draw the function with its jumps on matplotlib axes, in 3-D on a plane through the middle.
@@ -95,9 +98,15 @@ class Discretisation(Protocol):
     ``accepts`` lists the kinds of problem that can be discretised. Unknowns of other problems, such as linear
     systems, cannot be interpreted.
 
-    The optional method ``errors_in(problem, mesh, x, cells)`` returns norms as ``errors``, restricted to the
-    cells in the mask ``cells (n_cells,)`` and to half of their faces to other cells. Over a partition of the
-    mesh, the squares add up to those of ``errors``. On several ranks, each rank measures its own cells.
+    Optional methods:
+
+    - ``gradient(mesh, x, points)``: gradients ``(q, d)`` at points, NaN outside the mesh;
+    - ``fluxes(problem, mesh, x)``: flux through each face ``(n_faces,)``, outward of its first cell; the
+      fluxes out of a cell sum to the integral of its source, if x solves the system;
+    - ``mass(mesh)``: mass matrix M ``(n, n)``; xᵀ M y is the integral of the product of two functions;
+    - ``errors_in(problem, mesh, x, cells)``: norms as ``errors``, restricted to the cells in the mask
+      ``cells (n_cells,)`` and to half of their faces to other cells. Over a partition of the mesh, the
+      squares add up to those of ``errors``. On several ranks, each rank measures its own cells.
 
     Examples
     --------

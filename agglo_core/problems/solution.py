@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any, TypeVar
 
-from agglo_core.arrays import Float
+import numpy as np
+
+from agglo_core.arrays import Float, frozen_float
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import import_function
@@ -208,6 +210,111 @@ class Solution:
         how, mesh = self._interpretation()
         return how.sample(mesh, self.x)
 
+    def evaluate(self, points: Any) -> Float:
+        """Return the values of the solution at points.
+
+        Parameters
+        ----------
+        points : (q, d) float
+
+        Returns
+        -------
+        (q,) float
+            NaN outside the mesh. On a face, the cell with the lower number counts.
+
+        Raises
+        ------
+        OptionError
+            If the solver does not interpret x, as for a linear system.
+
+        Examples
+        --------
+        >>> solution = agglo.solve(agglo.samples.squares(8), agglo.Diffusion(source=8.0), degree=2)
+        >>> solution.evaluate([[0.5, 0.5], [2.0, 0.5]]).round(2)
+        array([0.59,  nan])
+        """
+        how, mesh = self._interpretation()
+        return how.evaluate(mesh, self.x, frozen_float(points))
+
+    def gradient(self, points: Any) -> Float:
+        """Return the gradient of the solution at points.
+
+        Parameters
+        ----------
+        points : (q, d) float
+
+        Returns
+        -------
+        (q, d) float
+            NaN outside the mesh. On a face, the cell with the lower number counts.
+
+        Raises
+        ------
+        OptionError
+            If the solver does not interpret x, or its discretisation has no gradients.
+
+        Examples
+        --------
+        >>> solution = agglo.solve(agglo.samples.squares(8), agglo.Diffusion(source=8.0), degree=2)
+        >>> solution.gradient([[0.05, 0.5]]).shape, solution.gradient([[2.0, 0.5]])
+        ((1, 2), array([[nan, nan]]))
+        """
+        gradient, mesh = self._optional("gradient")
+        return frozen_float(gradient(mesh, self.x, frozen_float(points)))
+
+    def fluxes(self) -> Float:
+        """Return the numerical flux −∫ κ ∂u/∂n through each face, outward of the face's first cell.
+
+        It is the flux that the discretisation uses: −{κ∇u}·n + γσ[u] on inner faces for ``polydg``, with the
+        boundary values on Dirichlet faces, and the given values on the other boundary faces. The fluxes out
+        of a cell therefore sum to the integral of its source. With an iterative solver they do up to its
+        residual: the smaller the tolerance, the better.
+
+        Returns
+        -------
+        (n_faces,) float
+            By the faces of the mesh. ``mesh.face_cells[f, 0]`` is the first cell of face f.
+
+        Raises
+        ------
+        OptionError
+            If the solver does not interpret x, or its discretisation has no fluxes.
+
+        Examples
+        --------
+        >>> mesh = agglo.samples.squares(8)
+        >>> fluxes = agglo.solve(mesh, agglo.Diffusion(source=8.0), tolerance=1e-10).fluxes()
+        >>> round(float(fluxes[mesh.outer_faces].sum()), 8)  # the source of the unit square
+        8.0
+        """
+        fluxes, mesh = self._optional("fluxes")
+        return frozen_float(fluxes(self._known_problem(), mesh, self.x))
+
+    def integral(self, tag: str | None = None, value: int | None = None) -> float:
+        """Return the integral of the solution over the mesh, or over the cells with a value of a cell tag.
+
+        Parameters
+        ----------
+        tag : str, optional
+            Cell tag, such as ``"material"``. Default: all cells.
+        value : int, optional
+            Value of the tag.
+
+        Raises
+        ------
+        OptionError
+            For an unknown tag or value, a tag without value, or a solver that does not interpret x.
+
+        Examples
+        --------
+        >>> solution = agglo.solve(agglo.samples.squares(8), agglo.Diffusion(source=8.0), degree=2)
+        >>> round(solution.integral(), 3)
+        0.281
+        """
+        mass, mesh = self._optional("mass")
+        function = self._interpretation()[0].project(mesh, _indicator(mesh, tag, value))
+        return float(function @ (mass(mesh) @ self.x))
+
     def errors(self) -> dict[str, float]:
         """Return norms of the error against the problem's exact solution, as printed by ``agglo solve``.
 
@@ -226,18 +333,17 @@ class Solution:
         (['dg', 'l2'], 0.0005)
         """
         how, mesh = self._interpretation()
-        if self.problem is None:
-            raise OptionError("the solver recorded no problem: call agglo.solve, which adds it")
-        norms = {name: float(value) for name, value in how.errors(self.problem, mesh, self.x).items()}
+        problem = self._known_problem()
+        norms = {name: float(value) for name, value in how.errors(problem, mesh, self.x).items()}
         if not norms:
             raise OptionError(
-                f"the problem of kind {self.problem.kind} has no exact solution to compare with, such as "
+                f"the problem of kind {problem.kind} has no exact solution to compare with, such as "
                 "Diffusion(…, exact=u) has"
             )
         return norms
 
     def write(self, path: str | PathLike[str]) -> None:
-        """Write the solution for ParaView, sampled in every cell, as ``agglo solve -o`` does.
+        """Write solution and gradient for ParaView, sampled in every cell, as ``agglo solve -o`` does.
 
         Parameters
         ----------
@@ -257,6 +363,41 @@ class Solution:
         """
         _, mesh = self._interpretation()
         import_function("agglo_core.io.vtk.solution:write_solution")(path, mesh, self.samples())
+
+    def write_fluxes(self, path: str | PathLike[str]) -> None:
+        """Write the faces of the mesh with their :meth:`fluxes`, as ``agglo solve --fluxes`` does.
+
+        Parameters
+        ----------
+        path : path-like
+            File with the suffix ``.vtu``. Cell data of its lines or polygons: ``flux``, ``flux_density``
+            (flux by face measure), ``first_cell``, ``second_cell`` (−1 outside), and the face tags.
+
+        Raises
+        ------
+        FileError
+            For another suffix, or a file that cannot be written.
+        OptionError
+            As :meth:`fluxes`.
+
+        Examples
+        --------
+        >>> agglo.solve(agglo.samples.squares(8), degree=1).write_fluxes("fluxes.vtu")
+        """
+        import_function("agglo_core.io.vtk.solution:write_fluxes")(path, self.mesh, self.fluxes())
+
+    def _known_problem(self) -> Problem:
+        if self.problem is None:
+            raise OptionError("the solver recorded no problem: call agglo.solve, which adds it")
+        return self.problem
+
+    def _optional(self, name: str) -> tuple[Callable[..., Any], Mesh]:
+        """Return an optional method of the discretisation, and the mesh."""
+        how, mesh = self._interpretation()
+        method = getattr(how, name, None)
+        if method is None:
+            raise OptionError(f"the discretisation {type(how).__name__} has no method {name}")
+        return method, mesh
 
     def _interpretation(self) -> tuple[Discretisation, Mesh]:
         if self.discretisation is None or self.mesh is None:
@@ -328,6 +469,20 @@ class Solution:
     def _repr_html_(self) -> str:
         html: str = import_function("agglo_core.draw.notebook:solution_html")(self)
         return html
+
+
+def _indicator(mesh: Mesh, tag: str | None, value: int | None) -> Float:
+    """Return the indicator function ``(n_cells,)`` of the cells with a tag value, or of all cells."""
+    if tag is None and value is None:
+        return frozen_float(np.ones(mesh.n_cells))
+    if tag is None or value is None:
+        raise OptionError(f"give a cell tag and its value, or neither; given tag {tag!r} and value {value!r}")
+    if tag not in mesh.cell_tags:
+        raise OptionError(f"the mesh has no cell tag {tag!r}; it has: {', '.join(mesh.cell_tags) or 'none'}")
+    chosen = mesh.cell_tags[tag] == value
+    if not np.any(chosen):
+        raise OptionError(f"no cell has the value {value!r} of the tag {tag!r}")
+    return frozen_float(chosen)
 
 
 def _entries(A: Any) -> int:

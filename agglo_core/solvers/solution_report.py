@@ -56,6 +56,7 @@ def report(
         - ``grid_complexity``: unknowns of all levels divided by finest unknowns;
         - ``contraction``, ``asymptotic_contraction``: mean residual reduction factor per iteration,
           over all iterations and over the second half;
+        - ``integral``: integral of u over the mesh, None if the discretisation has no mass matrix;
         - ``memory``, ``cpu_seconds``, ``choice``, ``advice``: as reported by the solver, or None or
           empty.
     """
@@ -97,7 +98,14 @@ def report(
         "energy_errors": np.asarray(solution.energy_errors).tolist(),
         "outcome": solution.outcome,
         "backward_error": solution.backward_error,
+        "integral": _integral(mesh, solution, how),
     }
+
+
+def _integral(mesh: Mesh, solution: Solution, how: Discretisation | None) -> float | None:
+    if how is None or not hasattr(how, "mass"):
+        return None
+    return float(how.project(mesh, 1.0) @ (how.mass(mesh) @ solution.x))
 
 
 def error_entries(norms: Mapping[str, float]) -> dict[str, float | None]:
@@ -175,7 +183,11 @@ def text(title: str, data: Mapping[str, Any], columns: int = _COLUMNS) -> str:
     lines.append(_state(data))
     if data["cg_iterations"] is not None:
         lines.append(f"plain conjugate gradients: {data['cg_iterations']} iterations")
-    lines += [f"energy fᵀu {data['energy']:.8g}", _costs(data)]
+    integral = "" if data.get("integral") is None else f", integral of u {data['integral']:.8g}"
+    lines += [f"energy fᵀu {data['energy']:.8g}{integral}"]
+    outflow = [f"{tag}: {flux:.8g}" for tag, flux in data.get("boundary_fluxes", {}).items()]
+    lines += [f"flux out of the boundary with tag {', '.join(outflow)}"] if outflow else []
+    lines.append(_costs(data))
     errors = {
         name.removeprefix("error_").upper(): each for name, each in data.items() if name.startswith("error_")
     }

@@ -24,6 +24,7 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.forms.assembly import Lifted, cell_means, discretise_lifted, load
 from agglo_polydg_mg.forms.boundary import boundary_faces, require_consistent
+from agglo_polydg_mg.forms.fluxes import fluxes
 from agglo_polydg_mg.forms.norms import EnergyNorm, errors
 from agglo_polydg_mg.forms.penalty import Penalty, require_penalty
 from agglo_polydg_mg.forms.sides import with_straight_sides
@@ -31,7 +32,7 @@ from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.solver.choose import choose
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.quadrature import sample
-from agglo_polydg_mg.space.sampling import evaluate, samples_of
+from agglo_polydg_mg.space.sampling import evaluate, gradient, samples_of
 
 
 @dataclass(frozen=True)
@@ -159,6 +160,21 @@ class PolyDG:
         Returns values ``(q,)``, NaN outside the mesh.
         """
         return evaluate(self.basis(mesh), x, points)
+
+    def gradient(self, mesh: Mesh, x: Float, points: Float) -> Float:
+        """Evaluate the gradient ``(q, d)`` of a discrete function at points, NaN outside the mesh."""
+        return gradient(self.basis(mesh), x, points)
+
+    def fluxes(self, problem: Problem, mesh: Mesh, x: Float) -> Float:
+        """Return the numerical flux through each face ``(n_faces,)``, outward of the face's first cell.
+
+        See :func:`~agglo_polydg_mg.forms.fluxes.fluxes`.
+        """
+        return fluxes(self.basis(mesh), mesh, x, _diffusion(problem), self.penalty)
+
+    def mass(self, mesh: Mesh) -> Any:
+        """Return the mass matrix ``(n, n)``, with one block per cell."""
+        return self.basis(mesh).mass()
 
     def sample(self, mesh: Mesh, x: Float) -> Samples:
         """Sample the function at points of the triangles or tetrahedra that make up the cells."""

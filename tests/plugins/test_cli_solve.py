@@ -49,6 +49,7 @@ def test_json_of_the_papers_case(agglo: Agglo) -> None:
         "energy_errors",
         "outcome",
         "backward_error",
+        "integral",
     ]
     assert (data["dofs"], data["iterations"], data["converged"]) == (768, 10, True)
     assert [(each["cells"], each["dofs"]) for each in data["levels"]] == [(n, 6 * n) for n in (128, 64, 16)]
@@ -99,6 +100,17 @@ def test_text_files_and_pictures(agglo: Agglo) -> None:
         assert part in done.out
     assert Path("u.png").read_bytes().startswith(b"\x89PNG")
     assert read("u.vtu").n_cells > 60
+
+
+def test_fluxes_go_to_a_file_and_are_summed_by_boundary_tag(agglo: Agglo) -> None:
+    asked = ("solve", "squares:n=8", "--fluxes", "f.vtu", "--no-cg")
+    done = agglo(*asked)
+    assert (done.code, done.out.splitlines()[-1]) == (0, "wrote f.vtu")
+    assert "flux out of the boundary with tag 0: 8" in done.out
+    data = agglo(*asked, "--json", "--tol", "1e-10").data
+    assert data["boundary_fluxes"] == {"0": pytest.approx(8.0, rel=1e-9)}
+    assert data["integral"] == pytest.approx(data["energy"] / 8.0)
+    assert agglo("solve", "squares:n=8", "--fluxes", "f.csv").code == 2
 
 
 def test_convergence_is_drawn(agglo: Agglo) -> None:

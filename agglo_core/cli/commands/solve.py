@@ -67,6 +67,7 @@ _COLUMNS = 80  # maximum width of the text
     help="Also count the iterations of plain CG (default; slow on large meshes).",
 )
 @click.option("-o", "--output", type=FILE, help="Solution, sampled in every cell (.vtu; on ranks .pvtu).")
+@click.option("--fluxes", type=FILE, help="Faces with the fluxes through them (.vtu); also reports the sums.")
 @click.option("--plot", type=FILE, help="Picture of the solution (.png, .pdf, .svg).")
 @click.option(
     "--plot-convergence",
@@ -93,6 +94,7 @@ def solve(
     problem: str,
     cg: bool,
     output: Path | None,
+    fluxes: Path | None,
     plot: Path | None,
     history: Path | None,
     report: Path | None,
@@ -107,18 +109,24 @@ def solve(
     """
     options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
     tool = build_solver(solver, _drop_unset_options(options))
-    files = {"--plot": plot, "--plot-convergence": history, "--report": report, "--write-system": system_file}
+    files = {
+        "--fluxes": fluxes,
+        "--plot": plot,
+        "--plot-convergence": history,
+        "--report": report,
+        "--write-system": system_file,
+    }
     _refuse_one_process(tool, solver, files if solves_across(tool) else {"-o": output} | files)
     if solves_across(tool):
         return solve_on_ranks(source, solver, tool, problem, agglomeration, output, as_json=as_json)
-    _check_files(output, plot, system_file, tool, solver)
-    refuse_input(source, output, system_file)
+    _check_files(output, fluxes, plot, system_file, tool, solver)
+    refuse_input(source, output, fluxes, system_file)
     check_more(history, report)
     explain_compilation()
     # Read, agglomerate, solve, write the solution.
     outputs = Outputs()
     with show_progress() as progress:
-        sampled_for = "-o and --plot are" if output or plot else ""
+        sampled_for = "-o, --fluxes and --plot are" if output or fluxes or plot else ""
         task = _task(source, problem, tool, solver, agglomeration, sampled_for, progress)
         if system_file is not None:
             _hand_over(outputs, system_file, task, progress)
@@ -127,6 +135,8 @@ def solve(
         if output is not None:
             _write(outputs, output, task.mesh, sampled, progress)
         data = task.report(solution, cg, progress)
+        if fluxes is not None:
+            data["boundary_fluxes"] = _write_fluxes(outputs, fluxes, task, solution, progress)
     if as_json and cg and _is_plain_cg(tool) and solution.converged:
         # Print the report, then make the pictures.
         data["cg_iterations"] = solution.iterations
@@ -248,19 +258,29 @@ def _drop_unset_options(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_files(
-    output: Path | None, plot: Path | None, system_file: Path | None, tool: object, solver: str
+    output: Path | None,
+    fluxes: Path | None,
+    plot: Path | None,
+    system_file: Path | None,
+    tool: object,
+    solver: str,
 ) -> None:
     """Check before the computation that all requested files can be written."""
-    if (output or plot) and getattr(tool, "discretisation", None) is None:
+    how = getattr(tool, "discretisation", None)
+    if (output or fluxes or plot) and how is None:
         raise OptionError(
-            f"{solver} has no discretisation to interpret its unknowns: -o and --plot are not available"
+            f"{solver} has no discretisation to interpret its unknowns: -o, --fluxes and --plot are not "
+            "available"
         )
-    if output is not None:
-        from agglo_core.io import check_writable
+    if fluxes is not None and not hasattr(how, "fluxes"):
+        raise OptionError(f"the discretisation of {solver} has no fluxes: --fluxes is not available")
+    for path, content in ((output, "solutions"), (fluxes, "fluxes")):
+        if path is not None:
+            from agglo_core.io import check_writable
 
-        if output.suffix.lower() != ".vtu":
-            raise OptionError(f"{output}: solutions are written as .vtu")
-        check_writable(output)
+            if path.suffix.lower() != ".vtu":
+                raise OptionError(f"{path}: {content} are written as .vtu")
+            check_writable(path)
     if plot is not None:
         check_picture(plot)
     if system_file is not None:
@@ -287,6 +307,25 @@ def _write(
 
     with phase(progress, "writing", output.name):
         outputs.result(output, lambda: write_solution(output, mesh, sampled()))
+
+
+def _write_fluxes(
+    outputs: Outputs, path: Path, task: _Task, solution: Solution, progress: Listener | None
+) -> dict[int, float]:
+    """Write the fluxes through all faces, and return those out of the boundary, by boundary tag."""
+    import numpy as np
+
+    from agglo_core.io.vtk.solution import write_fluxes
+
+    mesh = task.mesh
+    with phase(progress, "writing", path.name):
+        with attributed(task.title, spare=(AggloError,)):
+            fluxes = solution.fluxes()
+        outputs.result(path, lambda: write_fluxes(path, mesh, fluxes))
+    tags = mesh.face_tags.get(getattr(task.posed.problem, "boundary", "boundary"))
+    outer = np.flatnonzero(mesh.outer_faces)
+    values = np.zeros(len(outer), int) if tags is None else tags[outer]
+    return {int(value): float(fluxes[outer[values == value]].sum()) for value in np.unique(values)}
 
 
 def _hand_over(outputs: Outputs, path: Path, task: _Task, progress: Listener | None) -> None:

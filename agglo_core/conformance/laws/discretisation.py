@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +25,7 @@ from agglo_core.errors import AggloError
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion, Samples, System
 
+_STEP = 1e-2  # of the differences that verify gradients, relative to a simplex
 _METHODS = ("check", "coarse_operator", "project", "evaluate", "sample", "errors", "load", "residual_measure")
 _EXAMPLES = 30  # drawn meshes for each law
 _ROUNDING = 1e-8  # relative error of a solution that is exact
@@ -48,6 +50,11 @@ def _solve(tool: Any, problem: Diffusion, mesh: Mesh) -> Float | None:
         return None
     x = np.atleast_1d(spsolve(sparse.csc_array(system.A), system.b))
     return np.asarray(tool.evaluate(mesh, x, mesh.cell_centroids))
+
+
+def _offers(method: str) -> Callable[[Subject], bool]:
+    """Return a condition of laws for an optional method."""
+    return lambda subject: getattr(subject.build(), method, None) is not None
 
 
 @law("discretisation")
@@ -271,4 +278,83 @@ def load_and_residuals(subject: Subject, case: Case) -> None:
     require(
         none == 0.0 and once > 0.0 and abs(twice - 2.0 * once) <= _ROUNDING * twice,
         f"on {case.name}: the measures of r, 2r and 0 are {once}, {twice} and {none}: expected a norm",
+    )
+
+
+@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_offers("gradient"))
+def gradient_fits_values(subject: Subject, case: Case) -> None:
+    """``gradient`` is the limit of the differences of ``evaluate``, and NaN outside the mesh."""
+    tool, mesh = subject.build(), case.given[1]
+    x = as_array(tool.project(mesh, lambda points: np.sin(points.sum(axis=1))))
+    samples = tool.sample(mesh, x)
+    corners = samples.points[samples.simplices]
+    centres = corners.mean(axis=1)
+    outside = mesh.points.max(axis=0, keepdims=True) + 1.0
+    slopes = as_array(tool.gradient(mesh, x, np.concatenate((centres, outside))))
+    shape = (len(centres) + 1, mesh.dim)
+    require(
+        slopes.shape == shape and bool(np.isnan(slopes[-1]).all()),
+        f"on {case.name}: gradient returned {in_words(slopes)}, expected {shape}, with NaN for the last "
+        "point, which is outside the mesh",
+    )
+    # Differences along short steps towards the corners, which remain in the simplex
+    for step in _STEP * np.moveaxis(corners - centres[:, None], 1, 0):
+        rise = tool.evaluate(mesh, x, centres + step) - tool.evaluate(mesh, x, centres - step)
+        expected = 2.0 * (step * slopes[:-1]).sum(axis=1)
+        worst = int(np.argmax(np.abs(rise - expected)))
+        require(
+            bool(abs(rise[worst] - expected[worst]) <= 1e-2 * np.abs(rise).max() + 1e-9),
+            f"on {case.name}: a step at {centres[worst].tolist()} alters evaluate by {rise[worst]:.6g}, but "
+            f"gradient predicts {expected[worst]:.6g}",
+        )
+
+
+@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_offers("mass"))
+def mass_integrates(subject: Subject, case: Case) -> None:
+    """``mass`` is symmetric, and integrates the projected function 1 in a cell to the cell's measure."""
+    tool, mesh = subject.build(), case.given[1]
+    n, M = answer(subject, tool, case).n, tool.mass(mesh)
+    require(
+        getattr(M, "shape", None) == (n, n),
+        f"on {case.name}: mass returned {in_words(M)}, expected a matrix ({n}, {n})",
+    )
+    M = sparse.csr_array(M)
+    require(abs(M - M.T).max() <= 1e-10 * abs(M).max(), f"on {case.name}: the mass matrix is not symmetric")
+    moments = M @ as_array(tool.project(mesh, np.ones(mesh.n_cells)))
+    for cell in sorted({0, mesh.n_cells // 2, mesh.n_cells - 1}):
+        one = tool.project(mesh, np.eye(mesh.n_cells)[cell])
+        measure = float(one @ moments)
+        require(
+            bool(np.isclose(measure, mesh.cell_measures[cell], rtol=1e-8)),
+            f"on {case.name}: the mass matrix gives cell {cell} the measure {measure:.9g}, expected "
+            f"{mesh.cell_measures[cell]:.9g}",
+        )
+
+
+@drawn_law(
+    "discretisation",
+    draw=mesh_cases,
+    examples=_EXAMPLES,
+    when=lambda subject: _offers("fluxes")(subject) and _takes_diffusion(subject),
+)
+def fluxes_balance_source(subject: Subject, case: Case) -> None:
+    """``fluxes`` out of each cell sum to its measure if −Δu = 1 is solved."""
+    tool, mesh, problem = subject.build(), case.given[1], Diffusion(source=1.0)
+    system = tool.assemble(problem, mesh)
+    x = spsolve(sparse.csc_array(system.A), system.b)
+    fluxes = as_array(tool.fluxes(problem, mesh, x))
+    require(
+        fluxes.shape == (mesh.n_faces,),
+        f"on {case.name}: fluxes returned {in_words(fluxes)}, expected ({mesh.n_faces},) numbers",
+    )
+    first, second = mesh.face_cells.T
+    inner = second >= 0
+    sums = np.bincount(first, fluxes, mesh.n_cells)
+    sums -= np.bincount(second[inner], fluxes[inner], mesh.n_cells)
+    gap = np.abs(sums - mesh.cell_measures)
+    worst = int(np.argmax(gap))
+    require(
+        bool(gap[worst] <= 1e-6 * max(mesh.cell_measures[worst], np.abs(fluxes).max())),
+        f"on {case.name}: the fluxes out of cell {worst} sum to {sums[worst]:.6g}, but its source is "
+        f"{mesh.cell_measures[worst]:.6g}",
     )

@@ -106,6 +106,7 @@ def _facts(data: Mapping[str, Any]) -> str:
         if data["cg_iterations"] is None
         else f"{data['cg_iterations']:,} iterations",
         "energy fᵀu": f"{data['energy']:.8g}",
+        "integral of u": "" if data.get("integral") is None else f"{data['integral']:.8g}",
         **{name: "" if value is None else _scientific_notation(value) for name, value in errors.items()},
     }
     pairs = (

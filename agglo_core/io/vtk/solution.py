@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Int
+from agglo_core.arrays import Float, Int
 from agglo_core.errors import FileError
 from agglo_core.io.atomic import staging
 from agglo_core.io.file_checks import name_in_errors
@@ -20,6 +20,7 @@ from agglo_core.io.vtk.xml_write import Piece, write_document
 from agglo_core.mesh import Mesh
 from agglo_core.problems.discretisation import Samples
 
+_FACES = {2: 3, 3: 7}  # dimension -> VTK type of lines and polygons
 _SIMPLICES = {3: 5, 4: 10}  # number of corners -> VTK type of triangles and tetrahedra
 
 
@@ -27,7 +28,8 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
     """Write a function, sampled cell by cell, to a ``.vtu`` file for ParaView and VTK.
 
     Cells share no points, so jumps are visible and holes are empty. Cell data: ``cell``, the cell number in
-    the mesh (``agglo_cell`` if a tag is called ``cell``), and the mesh's cell tags.
+    the mesh (``agglo_cell`` if a tag is called ``cell``), the mesh's cell tags, and ``gradient``, at the
+    centroid of each simplex, if the samples have gradients.
 
     Raises
     ------
@@ -42,6 +44,40 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
     with name_in_errors(path), staging(path) as folder:
         piece = solution_piece(samples, mesh.cell_tags, name=name)
         write_document(folder / path.name, piece)
+
+
+def write_fluxes(path: str | PathLike[str], mesh: Mesh, fluxes: Float) -> None:
+    """Write the faces of a mesh with the ``fluxes (n_faces,)`` through them to a ``.vtu`` file.
+
+    Cell data: ``flux``, ``flux_density`` (by face measure), ``first_cell``, ``second_cell`` (−1 outside), and
+    the mesh's face tags. Fluxes are outward of the first cell.
+
+    Raises
+    ------
+    FileError
+        For another suffix, or a file that cannot be written.
+    MeshError
+        If files cannot hold a tag name.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".vtu":
+        raise FileError(f"{path}: fluxes can only be written as .vtu")
+    first, second = mesh.face_cells.T
+    data = {
+        "flux": fluxes,
+        "flux_density": fluxes / mesh.face_measures,
+        "first_cell": first,
+        "second_cell": second,
+    }
+    cells: dict[str, NDArray[Any]] = {
+        "connectivity": mesh.face_vertices,
+        "offsets": mesh.face_offsets[1:],
+        "types": np.full(mesh.n_faces, _FACES[mesh.dim], np.uint8),
+    }
+    with name_in_errors(path), staging(path) as folder:
+        check_names(mesh.face_tags)
+        named = under_free_names(data, mesh.face_tags) | dict(mesh.face_tags)
+        write_document(folder / path.name, Piece(mesh.points, cells, {}, named, kind="solution"))
 
 
 def solution_piece(
@@ -68,7 +104,10 @@ def solution_piece(
     owners = samples.cells[samples.simplices[:, 0]]
     cell_tags = {tag: values[owners] for tag, values in tags.items()}
     numbers = owners if cell_ids is None else cell_ids[owners]
-    data = under_free_names({"cell": numbers}, cell_tags) | cell_tags
+    data: dict[str, NDArray[Any]] = {"cell": numbers}
+    if samples.gradients is not None:
+        data["gradient"] = samples.gradients
+    data = under_free_names(data, cell_tags) | cell_tags
     n, corners = samples.simplices.shape
     cells: dict[str, NDArray[Any]] = {
         "connectivity": samples.simplices.ravel(),

@@ -45,6 +45,7 @@ class Piece(NamedTuple):
     cells : mapping
         ``connectivity``, ``offsets``, ``types``; with polyhedra also ``faces`` and ``faceoffsets``.
     point_data, cell_data : mapping
+        Numbers ``(n,)`` or vectors ``(n, d)``.
     derived : mapping
         More cell data, with the attribute ``mark``.
     mark : str
@@ -149,7 +150,8 @@ def stored_arrays(piece: Piece) -> Iterator[StoredArray]:
             tuples = f' NumberOfTuples="{len(values)}"' if section == "FieldData" else ""
             wide = section == "CellData" and name in piece.wide
             dtype = values.dtype.newbyteorder("<") if wide else _stored_type(values)
-            yield StoredArray(section, name, values, dtype, mark=f"{tuples}{mark}")
+            components = 3 if values.ndim == 2 else 1  # vectors
+            yield StoredArray(section, name, values, dtype, components, f"{tuples}{mark}")
     for (section, name), ids in zip(IDS.items(), (piece.point_ids, piece.cell_ids), strict=True):
         if ids is not None:
             yield StoredArray(section, name, ids, np.dtype("<i8"), mark=f' IdType="1" {DERIVED}')

@@ -194,6 +194,11 @@ class Basis:
         values = self.values(cells, np.asarray(points, float) - self.mesh.origin)
         return np.asarray(np.einsum("qk,qk->q", values, self.coefficients(x)[cells]))
 
+    def gradient(self, x: Float, cells: Int, points: Float) -> Float:
+        """Evaluate the gradient ``(q, d)`` of the function with coefficients ``x``, as :meth:`evaluate`."""
+        slopes = self.gradients(cells, np.asarray(points, float) - self.mesh.origin)
+        return np.asarray(np.einsum("qdk,qk->qd", slopes, self.coefficients(x)[cells]))
+
     def coefficients(self, x: Float) -> Float:
         """Return the vector ``x (n,)`` as ``(n_cells, n_local)``, or raise OptionError for a wrong length."""
         if np.shape(x) != (self.n,):

@@ -28,7 +28,9 @@ def samples_of(basis: Basis, x: Float) -> Samples:
         In 3-D, for cells that are not star-shaped from their centroids.
     """
     cells, points, simplices = sample_points(basis)
-    return Samples(cells, points, simplices, basis.evaluate(x, cells, points))
+    centres = points[simplices].mean(axis=1)
+    slopes = basis.gradient(x, cells[simplices[:, 0]], centres)
+    return Samples(cells, points, simplices, basis.evaluate(x, cells, points), slopes)
 
 
 def sample_points(basis: Basis) -> tuple[Int, Float, Int]:
@@ -168,6 +170,24 @@ def evaluate(basis: Basis, x: Float, points: ArrayLike) -> Float:
     values = np.full(len(points), np.nan)
     values[found] = basis.evaluate(x, cells[found], points[found])
     return values
+
+
+def gradient(basis: Basis, x: Float, points: ArrayLike) -> Float:
+    """Evaluate the gradient of a function at ``points (q, d)``, in the cells that :func:`evaluate` uses.
+
+    Returns gradients ``(q, d)``, NaN outside.
+
+    Raises
+    ------
+    OptionError
+        For points with another shape.
+    """
+    points = np.asarray(points, dtype=float)
+    cells = locate(basis.mesh, points)
+    found = cells >= 0
+    slopes = np.full(points.shape, np.nan)
+    slopes[found] = basis.gradient(x, cells[found], points[found])
+    return slopes
 
 
 def locate(mesh: Mesh, points: ArrayLike) -> Int:

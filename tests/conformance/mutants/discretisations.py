@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from conformance.mutants.mutant import Mutant
+from scipy import sparse
 
 from agglo_core import OptionError
 from agglo_polydg_mg.polydg import PolyDG
@@ -89,6 +90,39 @@ class WholeLoad(PolyDG):
         return b
 
 
+class TurnsGradients(PolyDG):
+    def gradient(self, mesh, x, points):
+        return super().gradient(mesh, x, points)[:, ::-1]
+
+
+class GradientsOutside(PolyDG):
+    def gradient(self, mesh, x, points):
+        return np.nan_to_num(super().gradient(mesh, x, points))
+
+
+class WeighsUnknowns(PolyDG):
+    def mass(self, mesh):
+        return sparse.eye_array(self.basis(mesh).n, format="csr")
+
+
+class SkewMass(PolyDG):
+    def mass(self, mesh):
+        M = sparse.lil_array(super().mass(mesh))
+        M[0, 1] += 1.0
+        return M
+
+
+class PointwiseFluxes(PolyDG):
+    """Fluxes of one-sided gradients, which are consistent, but not conservative."""
+
+    def fluxes(self, problem, mesh, x):
+        samples = self.sample(mesh, x)
+        cells = samples.cells[samples.simplices[:, 0]]
+        sizes = np.bincount(cells, minlength=mesh.n_cells)
+        slopes = np.stack([np.bincount(cells, g, mesh.n_cells) / sizes for g in samples.gradients.T], axis=1)
+        return -mesh.face_measures * (slopes[mesh.face_cells[:, 0]] * mesh.face_normals).sum(axis=1)
+
+
 class RefusesAll(PolyDG):
     def assemble(self, problem, mesh):
         raise OptionError("there is no such problem")
@@ -110,4 +144,9 @@ MUTANTS = [
     Mutant("coarse_like_fine", CoarseOfCells, "one agglomerate per cell"),
     Mutant("errors_measured", ErrorsPerCell, "the root of the measure"),
     Mutant("load_and_residuals", WholeLoad, "the load with boundary value 3"),
+    Mutant("gradient_fits_values", TurnsGradients, "gradient predicts"),
+    Mutant("gradient_fits_values", GradientsOutside, "outside the mesh"),
+    Mutant("mass_integrates", WeighsUnknowns, "the mass matrix gives cell 0 the measure"),
+    Mutant("mass_integrates", SkewMass, "not symmetric"),
+    Mutant("fluxes_balance_source", PointwiseFluxes, "but its source is"),
 ]

@@ -1,0 +1,113 @@
+"""Numerical fluxes through faces: conservative, as the discretisation contains them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.authoring import Diffusion, Field, Float, Int, Mesh, frozen_float, frozen_int
+from agglo_polydg_mg.forms.assembly import jump_penalty, positive
+from agglo_polydg_mg.forms.boundary import boundary_faces, boundary_values
+from agglo_polydg_mg.forms.face_quadrature import face_coefficients, face_rule, on_pieces
+from agglo_polydg_mg.forms.norms import offset_of
+from agglo_polydg_mg.forms.penalty import Penalty
+from agglo_polydg_mg.space.basis import Basis
+
+_FACES = 10_000  # per batch: limits the memory for gradients of the basis at quadrature points
+
+
+def fluxes(basis: Basis, mesh: Mesh, x: Float, problem: Diffusion, penalty: Penalty) -> Float:
+    """Return the numerical flux ∫ −κ ∂u/∂n through each face ``(n_faces,)``, outward of its first cell.
+
+    Tested with the indicator function of a cell, the discrete problem contains −{κ∇u}·n + γσ[u] on inner
+    faces, with u − g for [u] on Dirichlet faces, and minus the given flux on Neumann faces. If x solves the
+    system, the fluxes out of a cell therefore sum to the integral of its source, at the quadrature of the
+    right-hand side; otherwise they differ by the residual.
+
+    Parameters
+    ----------
+    basis : Basis
+    mesh : Mesh
+        The mesh of the basis before :func:`~agglo_polydg_mg.forms.sides.with_straight_sides`. A merged edge
+        has one penalty, and its flux is divided among its edges in ``mesh``.
+    x : (n,) float
+    problem : Diffusion
+    penalty : float, "paper" or "sharp"
+        Jump penalty of the discretisation.
+    """
+    # 1. Fluxes through the faces that the discretisation uses
+    kappa = positive(basis.mesh, problem.kappa)
+    sigma = jump_penalty(basis, kappa, penalty, boundary_faces(basis.mesh, problem).natural)
+    offset = offset_of(basis, problem)
+    state = _State(basis, basis.coefficients(x - basis.constants(offset)), offset, kappa, problem)
+    fluxes_of_sides = _through_faces(state, basis.mesh, sigma)
+    if basis.mesh is mesh:
+        return frozen_float(fluxes_of_sides)
+    # 2. Fluxes through the edges of merged edges, corrected so that quadrature errors do not alter the sum
+    assert basis.mesh.simplification is not None
+    side = basis.mesh.simplification.faces
+    values = _through_faces(state, mesh, sigma[side])
+    sign = np.where(mesh.face_cells[:, 0] == basis.mesh.face_cells[side, 0], 1.0, -1.0)
+    missing = fluxes_of_sides - np.bincount(side, sign * values)
+    shares = mesh.face_measures / np.bincount(side, mesh.face_measures)[side]
+    return frozen_float(values + sign * shares * missing[side])
+
+
+class _State(NamedTuple):
+    """Function with ``coefficients (n_cells, n_local)``, added to a constant ``offset (n_cells,)``."""
+
+    basis: Basis
+    coefficients: Float
+    offset: Float
+    kappa: Field
+    problem: Diffusion
+
+
+def _through_faces(state: _State, mesh: Mesh, sigma: Float) -> Float:
+    """Integrate the flux over all faces of a mesh ``(n_faces,)``, with the jump penalty ``sigma``."""
+    boundary, n = boundary_faces(mesh, state.problem), state.basis.degree + 2
+    natural = np.zeros(mesh.n_faces, bool)
+    natural[boundary.natural] = True
+    result = np.zeros(mesh.n_faces)
+    for start in range(0, mesh.n_faces, _FACES):
+        # 1. Quadrature points, and κ on both sides
+        faces = frozen_int(np.arange(start, min(start + _FACES, mesh.n_faces)))
+        rule = face_rule(mesh, faces, n)
+        kappa = on_pieces(face_coefficients(mesh, state.kappa, faces, n), faces, rule)
+        first, second = mesh.face_cells[rule.faces].T
+        inner, free = np.flatnonzero(second >= 0), np.flatnonzero(natural[rule.faces])
+        fixed = np.flatnonzero((second < 0) & ~natural[rule.faces])
+
+        def given(data: Mapping[int, Field], pieces: Int, name: str) -> Float:
+            own, points = frozen_int(rule.faces[pieces]), frozen_float(rule.points[pieces])  # noqa: B023
+            return boundary_values(mesh, boundary, data, own, points, name)
+
+        # 2. Normal derivatives and jumps: to the second cell, or to the Dirichlet data
+        points = rule.points + (mesh.origin - state.basis.mesh.origin)
+        jump, slope = _traces(state, first, points, rule.normals)
+        values, slopes = _traces(state, second[inner], points[inner], rule.normals[inner])
+        jump[inner] -= values
+        slope[inner] += slopes
+        jump[fixed] -= given(state.problem.dirichlet, fixed, "dirichlet") - state.offset[first[fixed], None]
+        # 3. Weights of derivative and jump: γ/2 and γ inside, κ at the boundary
+        mean = kappa[:, 0].copy()
+        mean[inner] *= kappa[inner, 1] / kappa[inner].sum(axis=1)
+        weight = mean.copy()
+        weight[inner] *= 2.0
+        flux = weight * sigma[rule.faces, None] * jump - mean * slope
+        flux[free] = -given(state.problem.neumann, free, "neumann")
+        result += np.bincount(rule.faces, (rule.weights * flux).sum(axis=1), mesh.n_faces)
+    return result
+
+
+def _traces(state: _State, cells: Int, points: Float, normals: Float) -> tuple[Float, Float]:
+    """Return values and normal derivatives ``(t, q)`` in ``cells (t,)`` at ``points (t, q, d)``."""
+    count, n, dim = points.shape
+    rows, flat = np.repeat(cells, n), points.reshape(-1, dim)
+    own = state.coefficients[rows]
+    values = np.einsum("qk,qk->q", state.basis.values(rows, flat), own)
+    slopes = np.einsum("qdk,qk->qd", state.basis.gradients(rows, flat), own)
+    normal = np.einsum("qd,qd->q", slopes, np.repeat(normals, n, axis=0))
+    return values.reshape(count, n), normal.reshape(count, n)
