@@ -23,10 +23,13 @@ class BoundaryKinds(NamedTuple):
         Component of the domain, by its first cell.
     tags : mapping of name to (k,) int
         Tag values.
+    whole : bool
+        False on a piece of a distributed mesh, where the cell numbers are those of the whole mesh.
     """
 
     component: Int
     tags: Mapping[str, Int]
+    whole: bool = True
 
 
 def distinct(columns: Sequence[Int]) -> list[Int]:

@@ -1,4 +1,4 @@
-"""Diffusion: −∇·(κ∇u) = f.
+"""Diffusion and reaction: −∇·(κ∇u) + c u = f.
 
 As a TOML table, with numbers by cell tag and boundary tag (no expressions):
 
@@ -8,13 +8,17 @@ As a TOML table, with numbers by cell tag and boundary tag (no expressions):
     [kappa.material]                          # or one for each value of a cell tag
     1 = 1.0
     2 = 1e6
+    [reaction.material]                       # c >= 0
+    1 = 0.0
+    2 = 5.0
     [dirichlet]                               # by value of the face tag "boundary"
     1 = 0.0
     [neumann]                                 # outward flux κ ∂u/∂n; faces without entry are insulated
     2 = 1.0
 
-Default κ and source are 1. With neither [dirichlet] nor [neumann], u = 0 on the whole boundary. With
-[neumann] alone, u is determined only up to a constant, and solvers refuse the problem. A first line
+Default κ and source are 1, default reaction is 0. With neither [dirichlet] nor [neumann], u = 0 on the whole
+boundary. With [neumann] alone and no reaction, u is determined only up to a constant, and solvers refuse the
+problem. A first line
 ``boundary = "gmsh:physical"`` selects another face tag instead of "boundary".
 """
 
@@ -34,7 +38,7 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems.discretisation import Field
 from agglo_core.problems.table import boundary_values, cell_values, face_tag, require_keys
 
-_KEYS = ("boundary", "kappa", "source", "dirichlet", "neumann")
+_KEYS = ("boundary", "kappa", "reaction", "source", "dirichlet", "neumann")
 _BOUNDARY = "boundary"
 _ZERO = 1e-9  # maximum |u| that counts as 0 on the boundary, in the unit of u
 _log = logging.getLogger("agglo")
@@ -42,25 +46,24 @@ _log = logging.getLogger("agglo")
 
 @dataclass(frozen=True, eq=False)
 class Diffusion:
-    """Find u with −∇·(κ∇u) = f, given Dirichlet and Neumann data by boundary tag.
+    """Find u with −∇·(κ∇u) + c u = f, given Dirichlet and Neumann data by boundary tag.
 
     Attributes
     ----------
-    kappa : Field
-        Diffusion coefficient, positive.
-    source : Field
-        Right-hand side f.
-    dirichlet : mapping of boundary tag value to Field
-        Boundary values u. Without Dirichlet and Neumann data, u = 0 on the whole boundary.
-    neumann : mapping of boundary tag value to Field
-        Outward fluxes κ ∂u/∂n. Faces with tags in neither mapping are insulated, and every domain component
-        needs a tag in ``dirichlet``: with fluxes alone, u is determined only up to a constant.
+    kappa, source : Field
+        Diffusion coefficient (positive) and right-hand side f.
+    dirichlet, neumann : mapping of boundary tag value to Field
+        Boundary values u and outward fluxes κ ∂u/∂n. If both are empty, u = 0 on the whole boundary.
+        Otherwise faces with tags in neither mapping are insulated, and every domain component needs a tag
+        in ``dirichlet``, or a positive reaction: with fluxes alone, u is determined only up to a constant.
     exact : callable, optional
         Exact solution, if known, for error norms. A solver that discretises the problem refuses it if it
         differs from the Dirichlet data on the boundary.
     boundary : str
         Face tag with the boundary parts. On a mesh without the tag ``"boundary"``, all faces have
         the value 0.
+    reaction : Field
+        Coefficient c, not negative.
 
     Raises
     ------
@@ -91,9 +94,10 @@ class Diffusion:
     neumann: Mapping[int, Field] = field(default_factory=dict)
     exact: Callable[[Float], Float] | None = None
     boundary: str = _BOUNDARY
+    reaction: Field = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        for name in ("kappa", "source"):
+        for name in ("kappa", "source", "reaction"):
             if isinstance(getattr(self, name), str):
                 raise OptionError(
                     f"{name} must be a number, an array with one value per cell, or a callable; given "
@@ -108,7 +112,9 @@ class Diffusion:
                 )
         data = {f"dirichlet[{tag}]": value for tag, value in self.dirichlet.items()}
         data |= {f"neumann[{tag}]": value for tag, value in self.neumann.items()}
-        for name, value in ({"kappa": self.kappa, "source": self.source} | data).items():
+        for name, value in (
+            {"kappa": self.kappa, "source": self.source, "reaction": self.reaction} | data
+        ).items():
             if not callable(value):
                 exact_cast(plain_array(value, name, OptionError), np.float64, name, OptionError)
         if self.exact is not None and not callable(self.exact):
@@ -121,8 +127,7 @@ class Diffusion:
         Raises
         ------
         OptionError
-            For an unknown or missing key, tag or value, numbers that are not finite, or a coefficient ≤
-            0.
+            For an unknown or missing key, tag or value, numbers that are not finite, κ ≤ 0, or c < 0.
         """
         require_keys(table, _KEYS)
         empty = [key for key in ("dirichlet", "neumann") if table.get(key) == {}]
@@ -139,8 +144,11 @@ class Diffusion:
         kappa = cell_values("kappa", table.get("kappa", 1.0), mesh)
         if np.min(kappa) <= 0.0:
             raise OptionError(f"kappa must be positive, given {np.min(kappa):g}")
+        reaction = cell_values("reaction", table.get("reaction", 0.0), mesh)
+        if np.min(reaction) < 0.0:
+            raise OptionError(f"reaction must not be negative, given {np.min(reaction):g}")
         source = cell_values("source", table.get("source", 1.0), mesh)
-        return cls(kappa, source, dirichlet, neumann, boundary=boundary)
+        return cls(kappa, source, dirichlet, neumann, boundary=boundary, reaction=reaction)
 
     @classmethod
     def example(cls, mesh: Mesh) -> Self:

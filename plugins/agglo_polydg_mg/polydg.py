@@ -22,8 +22,9 @@ from agglo_core.authoring import (
     frozen_float,
     solvers,
 )
-from agglo_polydg_mg.forms.assembly import Lifted, cell_means, discretise_lifted, load
+from agglo_polydg_mg.forms.assembly import Lifted, discretise_lifted, load
 from agglo_polydg_mg.forms.boundary import boundary_faces, require_consistent
+from agglo_polydg_mg.forms.coefficients import cell_means, is_zero
 from agglo_polydg_mg.forms.fluxes import fluxes
 from agglo_polydg_mg.forms.norms import EnergyNorm, errors
 from agglo_polydg_mg.forms.penalty import Penalty, require_penalty
@@ -147,7 +148,7 @@ class PolyDG:
         return choose(mesh, fine.sigma, cell_means(mesh, _diffusion(problem).kappa), self.degree).kind
 
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
-        """Rediscretise on agglomerates, with the penalty and the means of κ computed there."""
+        """Rediscretise on agglomerates, with the penalty and the means of the coefficients computed there."""
         return self.assemble(corrections(problem, mesh, labels), mesh.coarsen(labels)).A
 
     def project(self, mesh: Mesh, function: Field) -> Float:
@@ -209,10 +210,13 @@ class PolyDG:
     ) -> solvers.ResidualMeasure:
         """Return the function by which solvers measure residuals, for the right-hand side ``b (n,)``.
 
-        It weights by the cell means of κ.
+        It weights by the cell means of κ + c h², with the reaction c and the mean size h of all cells.
         """
         diffusion, basis = _diffusion(problem), basis or self.basis(mesh)
         kappa = cell_means(mesh, diffusion.kappa)
+        if not is_zero(diffusion.reaction):
+            square = mesh.cell_measures.mean() ** (2 / mesh.dim)
+            kappa = frozen_float(kappa + square * cell_means(mesh, diffusion.reaction, "reaction"))
         norm = EnergyNorm(basis, diffusion, self.penalty) if diffusion.dirichlet else None
         if kappa.min() == kappa.max():
             return solvers.ResidualMeasure(b, norm=norm)
@@ -240,7 +244,8 @@ def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
     """Return the problem that corrections on agglomerates solve: equal conditions with zero data."""
     diffusion = _diffusion(problem)
     return Diffusion(
-        kappa=_average_coefficient(diffusion.kappa, mesh, labels),
+        kappa=_average_coefficient(diffusion.kappa, mesh, labels, "kappa"),
+        reaction=_average_coefficient(diffusion.reaction, mesh, labels, "reaction"),
         source=0.0,
         dirichlet=dict.fromkeys(diffusion.dirichlet, 0.0),
         neumann=dict.fromkeys(diffusion.neumann, 0.0),
@@ -248,13 +253,13 @@ def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
     )
 
 
-def _average_coefficient(kappa: Field, mesh: Mesh, labels: Int) -> Field:
+def _average_coefficient(field: Field, mesh: Mesh, labels: Int, name: str) -> Field:
     """Average the coefficient over each agglomerate's cells.
 
     A callable is evaluated at cell centroids.
     """
-    if not callable(kappa) and np.ndim(kappa) == 0:
-        return kappa
-    cells = sample(kappa, mesh.cell_centroids, "kappa") if callable(kappa) else np.asarray(kappa, float)
+    if not callable(field) and np.ndim(field) == 0:
+        return field
+    cells = sample(field, mesh.cell_centroids, name) if callable(field) else np.asarray(field, float)
     weighted = np.bincount(labels, mesh.cell_measures * cells)
     return frozen_float(weighted / np.bincount(labels, mesh.cell_measures))

@@ -14,7 +14,8 @@ from scipy.sparse.linalg import spsolve
 import agglo_core as agglo
 from agglo_core import Mesh, OptionError, samples
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.forms.assembly import discretise, jump_penalty, positive
+from agglo_polydg_mg.forms.assembly import discretise, jump_penalty
+from agglo_polydg_mg.forms.coefficients import positive
 from agglo_polydg_mg.forms.face_quadrature import all_faces, face_coefficients, face_rule
 from agglo_polydg_mg.forms.form_kernels import largest_bounds
 from agglo_polydg_mg.forms.norms import Errors, errors

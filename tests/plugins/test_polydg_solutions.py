@@ -18,7 +18,8 @@ from scipy.sparse.linalg import eigsh, spsolve
 import agglo_core as agglo
 from agglo_core import AggloError, Mesh, OptionError, agglomerate, samples
 from agglo_core.problems import Diffusion, System
-from agglo_polydg_mg.forms.assembly import cell_means, discretise, load
+from agglo_polydg_mg.forms.assembly import discretise, load
+from agglo_polydg_mg.forms.coefficients import cell_means
 from agglo_polydg_mg.forms.norms import Errors, errors
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.space.basis import Basis

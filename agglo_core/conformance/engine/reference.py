@@ -104,7 +104,8 @@ def _system(problem: Problem, hierarchy: Hierarchy) -> tuple[Any, Float, Int]:
 
 def _fluxes(problem: Diffusion, mesh: Mesh) -> tuple[Any, Float]:
     # Cell values of coefficient and source.
-    kappa, source = (_sample(field, mesh.cell_centroids) for field in (problem.kappa, problem.source))
+    of_cells = problem.kappa, problem.source, problem.reaction
+    kappa, source, reaction = (_sample(field, mesh.cell_centroids) for field in of_cells)
     # Resistance between face centre and cell centre, for both sides of each face.
     first = np.add.reduceat(mesh.local_points[mesh.face_vertices], mesh.face_offsets[:-1], axis=0)
     middle = first / np.diff(mesh.face_offsets)[:, None]
@@ -120,7 +121,7 @@ def _fluxes(problem: Diffusion, mesh: Mesh) -> tuple[Any, Float]:
     A = sparse.coo_array((links, (owner[inner], neighbour[inner])), shape=(n, n)).tocsr()
     A = A + A.T
     # Dirichlet faces act as links to a known value, Neumann faces add their flux.
-    walls, b = np.zeros(n), mesh.cell_measures * source
+    walls, b = mesh.cell_measures * reaction, mesh.cell_measures * source
     values, natural = _boundary(problem, mesh, mesh.origin + middle)
     dirichlet = edge & np.isfinite(values)
     weight = mesh.face_measures[dirichlet] / resistances[0][dirichlet]

@@ -38,7 +38,7 @@ def kinds_of_all(mesh: DistributedMesh) -> tuple[Mapping[str, Int], BoundaryKind
     components, *tags = _of_all(
         ranks, [frozen_int(component[owner[outer]]), *(values[outer] for values in local.face_tags.values())]
     )
-    boundary = BoundaryKinds(components, dict(zip(local.face_tags, tags, strict=True)))
+    boundary = BoundaryKinds(components, dict(zip(local.face_tags, tags, strict=True)), whole=False)
     return dict(zip(names, cells, strict=True)), boundary
 
 

@@ -1,9 +1,9 @@
-"""Symmetric interior penalty discretisation of −∇·(κ∇u) = f on polygons and polyhedra.
+"""Symmetric interior penalty discretisation of −∇·(κ∇u) + c u = f on polygons and polyhedra.
 
-a(u, v) = Σ_K ∫ κ∇u·∇v − Σ_F ∫ ({κ∇u}·[v] + {κ∇v}·[u]) + Σ_F γ_F σ_F ∫ [u][v], boundary faces with Dirichlet
-data included (Nitsche). If κ jumps, averages are weighted with κ from the other side and γ is the harmonic
-mean (A. Ern, A. Stephansen, P. Zunino, IMA J. Numer. Anal. 29, 2009), so that the constants do not depend
-on the ratio; for κ = 1 averages are arithmetic and γ = 1.
+a(u, v) = Σ_K ∫ κ∇u·∇v + c u v − Σ_F ∫ ({κ∇u}·[v] + {κ∇v}·[u]) + Σ_F γ_F σ_F ∫ [u][v], boundary faces with
+Dirichlet data included (Nitsche). If κ jumps, averages are weighted with κ from the other side and γ is the
+harmonic mean (A. Ern, A. Stephansen, P. Zunino, IMA J. Numer. Anal. 29, 2009), so that the constants do not
+depend on the ratio; for κ = 1 averages are arithmetic and γ = 1.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from agglo_core.authoring import (
     Float,
     Int,
     Mesh,
-    OptionError,
     System,
     frozen_float,
     frozen_int,
@@ -33,6 +32,7 @@ from agglo_polydg_mg.forms.boundary import (
     neumann_load,
     rule_of,
 )
+from agglo_polydg_mg.forms.coefficients import positive, reaction_blocks
 from agglo_polydg_mg.forms.face_quadrature import all_faces, face_coefficients
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty, face_penalty
 from agglo_polydg_mg.forms.sharp_penalty import sharp_penalty
@@ -40,7 +40,6 @@ from agglo_polydg_mg.forms.side_sums import add_sides
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.gauss_points import gauss
-from agglo_polydg_mg.space.quadrature import per_cell, sample, weighted_moments
 
 
 def discretise(
@@ -69,9 +68,9 @@ def discretise(
     MeshError
         For degenerate cells; in 3-D, with a constant C, for nonconvex cells.
     OptionError
-        For a degree outside 1..6, nonpositive κ, data with nonfinite values or the wrong shape, tags
-        missing on the boundary, or a domain component without Dirichlet faces (where the solution is unique
-        only up to a constant).
+        For a degree outside 1..6, nonpositive κ, a negative reaction, data with nonfinite values or the
+        wrong shape, tags missing on the boundary, or a domain component without Dirichlet faces and
+        reaction (where the solution is unique only up to a constant).
     """
     return discretise_lifted(mesh, degree, problem, penalty=penalty, scaled_basis=scaled_basis).system
 
@@ -120,7 +119,8 @@ def discretise_lifted(
     on_faces = face_coefficients(mesh, kappa, all_faces(mesh), degree + 2)
     inside = stiffness(basis, kappa) if unit_forms is None else None
     sigma = jump_penalty(basis, kappa, penalty, boundary.natural, on_faces, inside, unit_forms)
-    A = _matrix(basis, inside, on_faces, sigma, kappa, unit_forms)
+    reaction = reaction_blocks(basis, problem.reaction)
+    A = _matrix(basis, inside, on_faces, sigma, kappa, unit_forms, reaction)
     # 3. Load and Dirichlet data
     loads = load(basis, problem).reshape(mesh.n_cells, -1)
     g = dirichlet_values(basis, problem, boundary)
@@ -176,17 +176,25 @@ def jump_penalty(
 
 
 def _matrix(
-    basis: Basis, inside: Float | None, on_faces: Float, sigma: Float, kappa: Field, units: UnitForms | None
+    basis: Basis,
+    inside: Float | None,
+    on_faces: Float,
+    sigma: Float,
+    kappa: Field,
+    units: UnitForms | None,
+    reaction: Float | None,
 ) -> sparse.bsr_array:
     from agglo_polydg_mg.forms.face_kernels import add_scaled_blocks, face_blocks
 
-    # 1. Stiffness on the diagonal blocks
+    # 1. Stiffness and reaction on the diagonal blocks
     mesh = basis.mesh
     rule = gauss(basis.degree + 1 if on_faces.shape[2] == 1 else on_faces.shape[2])
     indptr, indices, diagonal, slots = basis.pattern
     blocks = np.zeros((len(indices), basis.n_local, basis.n_local))
     if inside is not None:
         blocks[diagonal] = inside
+    if reaction is not None:
+        blocks[diagonal] += reaction
     across, cells = basis.across, mesh.face_cells if mesh.dim == 2 else basis.sides.cells
 
     def add(start: int, stop: int) -> None:
@@ -210,34 +218,3 @@ def _matrix(
     frames = basis.boxes, basis.scale
     over_ranges(add, mesh.n_cells, few=COSTLY, shares=1)
     return sparse.bsr_array((blocks, indices, indptr), shape=(basis.n, basis.n))
-
-
-def positive(mesh: Mesh, kappa: Field) -> Field:
-    """Check that κ is positive: return cell values ``(n_cells,)``, or a callable that checks its values."""
-    if callable(kappa):
-
-        def checked(points: Float) -> Float:
-            values = sample(kappa, points, "kappa")
-            worst = int(np.argmin(values))
-            if not values[worst] > 0:
-                raise OptionError(
-                    f"kappa must be positive: it is {values[worst]} at {points[worst].tolist()}"
-                )
-            return values
-
-        return checked
-    values = per_cell(kappa, mesh.n_cells, "kappa")
-    worst = int(np.argmin(values))
-    if not values[worst] > 0:
-        raise OptionError(f"kappa must be positive: it is {values[worst]} in cell {worst}")
-    return values
-
-
-def cell_means(mesh: Mesh, field: Field) -> Float:
-    """Return the mean of κ over each cell ``(n_cells,)``."""
-    if not callable(field):
-        return per_cell(field, mesh.n_cells, "kappa")
-    unit = [0.0, 0.0, 1.0, 1.0, 1.0, 0.0] if mesh.dim == 2 else [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
-    boxes = np.tile(unit, (mesh.n_cells, 1))
-    integrals = weighted_moments(mesh, field, boxes, 0, "kappa")[:, 0]
-    return frozen_float(2.0 ** (0.5 * mesh.dim) * integrals / mesh.cell_measures)  # L₀ = √½

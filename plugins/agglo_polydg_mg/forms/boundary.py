@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mask, Mesh, OptionError, frozen_int
+from agglo_polydg_mg.forms.coefficients import cell_means, is_zero, nonnegative
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule, on_pieces
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.quadrature import per_cell, sample
@@ -32,8 +33,8 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     Raises
     ------
     OptionError
-        For an unknown face tag, a value in both kinds of data or on no face, or a component without
-        Dirichlet faces.
+        For an unknown face tag, a value in both kinds of data or on no face, or a component with neither
+        Dirichlet faces nor reaction.
     """
     # 1. Check the tags
     tags = _tags(mesh, problem.boundary)
@@ -53,7 +54,9 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     dirichlet = outer & np.isin(tags, list(problem.dirichlet)) if data else outer
     natural = outer & ~dirichlet
     if data:
-        _require_dirichlet(kinds.component, np.isin(on_boundary, list(problem.dirichlet)))
+        held = np.isin(on_boundary, list(problem.dirichlet))
+        free = np.setdiff1d(kinds.component, kinds.component[held])
+        _require_unique(mesh, free, problem.reaction)
     return Boundary(tags, frozen_int(np.flatnonzero(dirichlet)), frozen_int(np.flatnonzero(natural)))
 
 
@@ -67,18 +70,34 @@ def _tags(mesh: Mesh, name: str) -> Int:
     return frozen_int(np.zeros(mesh.n_faces))
 
 
-def _require_dirichlet(component: Int, dirichlet: Mask) -> None:
-    """Raise OptionError if a connected component of the domain has no Dirichlet face.
+def _require_unique(mesh: Mesh, free: Int, reaction: Field) -> None:
+    """Raise OptionError if a component without Dirichlet faces has no reaction either.
 
-    ``component`` and ``dirichlet`` refer to the face kinds.
+    ``free`` components are given by their first cells.
     """
-    free = np.setdiff1d(component, component[dirichlet])
+    if len(free):
+        free = frozen_int(free[~_has_reaction(mesh, free, reaction)])
     if len(free):
         raise OptionError(
-            f"the component of cell {free[0]} has no boundary face with Dirichlet data, so the solution is "
-            "determined only up to a constant there; give a Dirichlet value for one of its boundary tags "
-            "(if only other tags have data, its faces are insulated)"
+            f"the component of cell {free[0]} has no boundary face with Dirichlet data and no reaction, so "
+            "the solution is determined only up to a constant there; give a Dirichlet value for one of its "
+            "boundary tags (if only other tags have data, its faces are insulated)"
         )
+
+
+def _has_reaction(mesh: Mesh, components: Int, reaction: Field) -> Mask:
+    """Return True for components, given by their first cells, where the reaction is positive somewhere.
+
+    On a piece of a distributed mesh, whose components are those of the whole, it must be positive in every
+    cell of the piece.
+    """
+    if is_zero(reaction):
+        return np.zeros(len(components), bool)
+    cells = cell_means(mesh, nonnegative(mesh, reaction), "reaction") > 0
+    if not mesh.boundary_kinds.whole:
+        return np.full(len(components), cells.all())
+    component = mesh.graph.components()
+    return np.isin(component[components], component[cells])
 
 
 def boundary_values(
@@ -147,12 +166,13 @@ def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Flo
     In each domain component it is the number nearest to 0 between the minimum and maximum of the data: 0 if
     they change sign. Only faces with κ at least a hundredth of the largest count: they determine the
     rounding. A constant added to the data is added to the solution, for any κ, and alters nothing else.
+    With a reaction that is not so, and the constant is 0.
     ``kappa (f, 1)`` or ``(t, q)`` is the coefficient in the owners of the Dirichlet faces.
     """
     # 1. Data, component and coefficient per face
     mesh = basis.mesh
     g, component = dirichlet_values(basis, problem, boundary), mesh.graph.components()
-    if not g.any():
+    if not (g.any() and is_zero(problem.reaction)):
         return np.zeros(mesh.n_cells)
     rule = rule_of(basis, boundary.dirichlet)
     of_face = component[mesh.face_cells[rule.faces, 0]]

@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mask, Mesh, OptionError, frozen_int
-from agglo_polydg_mg.forms.assembly import jump_penalty, positive
+from agglo_polydg_mg.forms.assembly import jump_penalty
 from agglo_polydg_mg.forms.boundary import Boundary, boundary_faces, boundary_values, data_offset
+from agglo_polydg_mg.forms.coefficients import positive, reaction_blocks
 from agglo_polydg_mg.forms.face_quadrature import face_coefficients, face_rule, on_pieces
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty
 from agglo_polydg_mg.space.basis import Basis, stiffness
@@ -26,11 +27,11 @@ Outside = Callable[[Int, Float], Float]
 
 @dataclass(frozen=True, eq=False)
 class EnergyNorm:
-    """The DG norm of a discrete function, with its jumps to the Dirichlet data.
+    """The DG norm of a discrete function, with its jumps to the Dirichlet data and the reaction.
 
-    (‖√κ ∇u‖² + Σ_F γσ ‖[u]‖² + Σ_F κσ ‖u − g‖²)^½. It is a sum of squares, hence exact to rounding. In
-    contrast, a(u, u) contains σ‖g‖², which may exceed the energy of u by any factor. u and g are taken
-    without the :func:`~agglo_polydg_mg.forms.boundary.data_offset`.
+    (‖√κ ∇u‖² + ‖√c u‖² + Σ_F γσ ‖[u]‖² + Σ_F κσ ‖u − g‖²)^½. It is a sum of squares, hence exact to
+    rounding. In contrast, a(u, u) contains σ‖g‖², which may exceed the energy of u by any factor. u and g
+    are taken without the :func:`~agglo_polydg_mg.forms.boundary.data_offset`.
     """
 
     basis: Basis
@@ -41,6 +42,8 @@ class EnergyNorm:
         """Return the norm of the function with coefficients ``x (n,)``."""
         u, kappa = self.basis.coefficients(x), self._kappa
         inside = float(np.einsum("ci,cij,cj->", u, self._blocks, u, optimize=True))
+        if self._reaction is not None:
+            inside += float(np.einsum("ci,cij,cj->", u, self._reaction, u, optimize=True))
         return float(np.sqrt(inside + jumps(self.basis, x, self._data, kappa, self._sigma)))
 
     def _data(self, faces: Int, points: Float) -> Float:
@@ -63,6 +66,10 @@ class EnergyNorm:
     @cached_property
     def _blocks(self) -> Float:
         return stiffness(self.basis, self._kappa)
+
+    @cached_property
+    def _reaction(self) -> Float | None:
+        return reaction_blocks(self.basis, self.problem.reaction)
 
     @cached_property
     def _sigma(self) -> Float:

@@ -24,7 +24,7 @@ from agglo_core.authoring import (
     pcg,
     solvers,
 )
-from agglo_polydg_mg.forms.assembly import cell_means
+from agglo_polydg_mg.forms.coefficients import cell_means
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.choose import Overrides, Plan, choose

@@ -11,7 +11,7 @@ from agglo_core.authoring import Diffusion, Int, System, solvers
 from agglo_polydg_mg.auxiliary.conforming_stack import conforming_stack
 from agglo_polydg_mg.auxiliary.grouped_stack import grouped_stack
 from agglo_polydg_mg.auxiliary.patch_recipe import patch_stack
-from agglo_polydg_mg.forms.assembly import cell_means
+from agglo_polydg_mg.forms.coefficients import cell_means
 from agglo_polydg_mg.solver.choose import Plan
 from agglo_polydg_mg.space.basis import Basis
 

@@ -66,6 +66,7 @@ class Numbering:
             problem,
             kappa=self._taken(problem.kappa),
             source=self._taken(problem.source),
+            reaction=self._taken(problem.reaction),
             dirichlet=self._all_taken(problem.dirichlet),
             neumann=self._all_taken(problem.neumann),
         )

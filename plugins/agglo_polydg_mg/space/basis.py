@@ -220,10 +220,15 @@ class Basis:
     @cached_property
     def mass_blocks(self) -> Float:
         """Mass matrix ∫ φ_i φ_j per cell ``(n_cells, n_local, n_local)``."""
-        integrals = moments(self.mesh, self.boxes, 2 * self.degree, self.walk)
-        return frozen_float(
-            products([integrals * self.scale[:, None] ** 2], self.degree, [(0,) * self.mesh.dim])
-        )
+        return self._mass_of(moments(self.mesh, self.boxes, 2 * self.degree, self.walk))
+
+    def weighted_mass(self, field: Callable[[Float], Float], name: str) -> Float:
+        """Return the mass matrix with a callable as weight, per cell ``(n_cells, n_local, n_local)``."""
+        return self._mass_of(weighted_moments(self.mesh, field, self.boxes, 2 * self.degree, name))
+
+    def _mass_of(self, integrals: Float) -> Float:
+        scaled = integrals * self.scale[:, None] ** 2
+        return frozen_float(products([scaled], self.degree, [(0,) * self.mesh.dim]))
 
     def mass(self) -> sparse.bsr_array:
         """Return the block-diagonal mass matrix."""

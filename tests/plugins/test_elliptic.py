@@ -1,0 +1,208 @@
+"""Elliptic problems beyond diffusion with a scalar coefficient: reaction."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+import agglo_core as agglo
+from agglo_core import AggloError, Mesh, OptionError, agglomerate, samples
+from agglo_core.problems import Diffusion
+from agglo_polydg_mg.forms.norms import Errors, errors
+from agglo_polydg_mg.forms.unit_forms import UnitForms
+from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.space.quadrature import inside
+
+Array = NDArray[np.float64]
+
+
+def agglomerated(parts: int) -> Mesh:
+    """Voronoi cells, eight to a part."""
+    mesh = samples.voronoi(8 * parts, seed=3)
+    return mesh.coarsen(agglomerate(mesh.graph, n_parts=parts).levels[0])
+
+
+MESHES: dict[str, Callable[[], Mesh]] = {
+    "voronoi": lambda: samples.voronoi(40, seed=1),
+    "random triangles": lambda: samples.random_triangles(40, seed=2),
+    "agglomerates": lambda: agglomerated(12),
+    "tetrahedra": lambda: samples.random_tetrahedra(60, seed=3),
+}
+
+
+def solved(how: PolyDG, problem: Diffusion, mesh: Mesh) -> Array:
+    system = how.assemble(problem, mesh)
+    return np.asarray(spsolve(sparse.csc_array(system.A), system.b))
+
+
+def errors_of(how: PolyDG, problem: Diffusion, mesh: Mesh) -> Errors:
+    return errors(how.basis(mesh), solved(how, problem, mesh), problem, penalty=how.penalty)
+
+
+# --- Reaction
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("degree", [1, 2])
+def test_reaction_adds_the_weighted_mass_matrix(name: str, degree: int) -> None:
+    """Products of polynomials, by quadrature inside the cells."""
+    mesh, how = MESHES[name](), PolyDG(degree)
+    basis, rng = how.basis(mesh), np.random.default_rng(0)
+    cells = rng.uniform(0.0, 3.0, mesh.n_cells)
+
+    def bump(x: Array) -> Array:
+        return np.asarray(1.0 + x[:, 0] ** 2)
+
+    x, y = rng.standard_normal((2, basis.n))
+    for reaction in (2.0, cells, bump):
+        plain, more = (how.assemble(Diffusion(reaction=c), mesh).A for c in (0.0, reaction))
+        expected = 0.0
+        for batch in inside(mesh, 2 * degree + 4):
+            points = batch.points + mesh.origin
+            values = reaction(points) if callable(reaction) else np.broadcast_to(reaction, mesh.n_cells)
+            weights = batch.weights * (values if callable(reaction) else values[batch.cells])
+            u, v = (basis.evaluate(each, batch.cells, points) for each in (x, y))
+            expected += weights @ (u * v)
+        size = abs(x) @ (abs(more) @ abs(y))
+        assert y @ ((more - plain) @ x) == pytest.approx(expected, abs=1e-13 * size)
+
+
+def test_kept_unit_forms_give_the_same_matrix() -> None:
+    mesh, how = samples.voronoi(50, seed=4), PolyDG(2)
+    kappa, c = np.random.default_rng(0).uniform(1.0, 9.0, (2, mesh.n_cells))
+    problem, units = Diffusion(kappa=kappa, reaction=c), UnitForms(how.basis(mesh))
+    kept, fresh = how.lifted(problem, mesh, units.basis, units).system.A, how.assemble(problem, mesh).A
+    assert abs(kept - fresh).max() <= 1e-12 * abs(fresh).max()
+
+
+def wave(x: Array) -> Array:
+    return np.asarray(np.sin(2.0 * x[:, 0] + 0.3) * np.cos(3.0 * x[:, 1]))
+
+
+def coefficient(x: Array) -> Array:
+    return np.asarray(5.0 + 4.0 * np.sin(3.0 * x[:, 0] + x[:, 1]))
+
+
+REACTING = Diffusion(
+    source=lambda x: (13.0 + coefficient(x)) * wave(x),
+    dirichlet={0: wave},
+    exact=wave,
+    reaction=coefficient,
+)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_orders_with_reaction(degree: int) -> None:
+    found = [errors_of(PolyDG(degree), REACTING, samples.voronoi(n, seed=0)) for n in (100, 1600)]
+    assert np.log2(found[0].l2 / found[1].l2) / 2 > degree + 0.75
+    assert np.log2(found[0].dg / found[1].dg) / 2 > degree - 0.25
+
+
+@pytest.mark.parametrize("solver", ["direct", "polydg_mg", "polydg_mg_paper", "polydg_cg"])
+def test_insulated_domains_with_reaction_have_a_solution(solver: str) -> None:
+    mesh = samples.voronoi(60, seed=2)
+    problem = Diffusion(source=6.0, neumann={0: 0.0}, reaction=2.0)
+    solution = agglo.solve(agglomerate(mesh, n_parts=(15, 4)), problem, solver=solver, tolerance=1e-10)
+    assert solution.converged
+    assert solution.x == pytest.approx(solution.discretisation.project(mesh, 3.0), abs=1e-8)
+
+
+def test_reaction_in_one_cell_of_each_component_suffices() -> None:
+    one, other = samples.squares(3), samples.squares(3)
+    points = np.concatenate((one.points, other.points + np.array([2.0, 0.0])))
+    cells = [each + shift for shift in (0, one.n_points) for each in one.cells]
+    mesh = Mesh.from_polygons(points, cells)
+    reaction = np.zeros(18)
+    reaction[4] = 1.0
+    problem = Diffusion(neumann={0: 0.0}, reaction=reaction)
+    with pytest.raises(
+        OptionError, match="the component of cell 9 has no boundary face with Dirichlet data and no r"
+    ):
+        PolyDG().assemble(problem, mesh)
+    reaction[12] = 1.0
+    solution = agglo.solve(mesh, problem, solver="direct", tolerance=1e-9)
+    assert solution.converged
+    basis = solution.discretisation.basis(mesh)
+    integrals = (basis.project(1.0) * (basis.mass() @ solution.x)).reshape(18, -1).sum(axis=1)
+    assert integrals[[4, 12]] == pytest.approx([1.0, 1.0])  # c u balances the source of each component
+
+
+@pytest.mark.parametrize(
+    ("reaction", "message"),
+    [
+        (-1.0, "reaction must not be negative: it is -1.0 in cell 0"),
+        (np.where(np.arange(16) == 5, -2.0, 1.0), "reaction must not be negative: it is -2.0 in cell 5"),
+        (lambda x: x[:, 0] - 0.5, r"reaction must not be negative: it is -0\.\d+ at \[0"),
+        (np.ones(3), "reaction has shape (3,): expected a number, (16,) values or a callable"),
+        ("1", "reaction must be a number, an array with one value per cell, or a callable; given '1'"),
+    ],
+)
+def test_bad_reactions_are_refused(reaction: Any, message: str) -> None:
+    if "\\" not in message:
+        message = re.escape(message)
+    with pytest.raises(AggloError, match=message):
+        PolyDG().assemble(Diffusion(reaction=reaction), samples.squares(4))
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_reaction_takes_no_more_iterations(degree: int) -> None:
+    """And the solution is that of a direct solver, in the energy norm."""
+    mesh = samples.voronoi(300, seed=0)
+    levels = agglomerate(mesh, n_parts=(60, 10))
+    counts = []
+    for c in (0.0, 1.0, 1e2, 1e4, 1e8):
+        problem = Diffusion(source=1.0, dirichlet={0: lambda x: 1.0 + x[:, 0]}, reaction=c)
+        found = agglo.solve(levels, problem, degree=degree, tolerance=1e-8)
+        exact = solved(PolyDG(degree), problem, mesh)
+        e = found.x - exact
+        assert found.converged
+        assert np.sqrt(e @ found.A @ e) <= 1e-6 * np.sqrt(exact @ found.A @ exact)
+        counts.append(found.iterations)
+    assert max(counts) <= counts[0] + 1  # only without reaction the data 1 + x are measured as x
+
+
+def test_coarse_operators_average_the_reaction() -> None:
+    mesh, how = samples.squares(4), PolyDG(1, penalty=10.0)
+    labels = np.arange(16) // 8
+    c = np.arange(16.0)
+    means = np.array([c[:8].mean(), c[8:].mean()])
+    found = how.coarse_operator(Diffusion(reaction=c), mesh, labels)
+    expected = how.assemble(Diffusion(reaction=means), mesh.coarsen(labels)).A
+    assert abs(found - expected).max() <= 1e-12
+
+
+def test_scattered_cells_keep_their_reaction() -> None:
+    """The solver renumbers them."""
+    plain = samples.squares(110)
+    mesh = plain.renumbered(np.random.default_rng(0).permutation(plain.n_cells))
+    reaction = np.where(mesh.cell_centroids[:, 0] < 0.5, 0.0, 1e4)
+    found = agglo.solve(mesh, Diffusion(reaction=reaction), tolerance=1e-9)
+    assert "renumbered" in found.choice
+    assert abs(found.x - solved(PolyDG(1), Diffusion(reaction=reaction), mesh)).max() < 1e-8
+
+
+def test_sizes_of_data_do_not_matter() -> None:
+    mesh = samples.squares(4)
+    plain = agglo.solve(mesh, Diffusion(source=1.0, reaction=3.0), solver="direct", tolerance=1e-9)
+    huge = agglo.solve(mesh, Diffusion(source=1e200, reaction=3.0), solver="direct", tolerance=1e-9)
+    assert 1e-200 * huge.x == pytest.approx(plain.x)
+
+
+def test_material_tables_give_the_reaction(tmp_path: Any) -> None:
+    plain = samples.squares(4)
+    mesh = replace(plain, cell_tags={"material": (np.arange(16) > 7).astype(int)})
+    path = tmp_path / "p.toml"
+    path.write_text("[reaction.material]\n0 = 0\n1 = 4.5\n")
+    problem = agglo.problems.read_problem(path, mesh)
+    assert np.array_equal(problem.reaction, np.where(np.arange(16) > 7, 4.5, 0.0))
+    path.write_text("reaction = -1\n")
+    with pytest.raises(AggloError, match="reaction must not be negative, given -1"):
+        agglo.problems.read_problem(path, mesh)
