@@ -15,11 +15,13 @@ As a TOML table, with numbers by cell tag and boundary tag (no expressions):
     1 = 0.0
     [neumann]                                 # outward flux κ ∂u/∂n; faces without entry are insulated
     2 = 1.0
+    [robin.3]                                 # alpha u + κ ∂u/∂n = value, alpha >= 0
+    alpha = 10.0
+    value = 2.0
 
-Default κ and source are 1, default reaction is 0. With neither [dirichlet] nor [neumann], u = 0 on the whole
-boundary. With [neumann] alone and no reaction, u is determined only up to a constant, and solvers refuse the
-problem. A first line
-``boundary = "gmsh:physical"`` selects another face tag instead of "boundary".
+Default κ and source are 1, default reaction is 0. Without [dirichlet], [neumann] and [robin], u = 0 on the
+whole boundary. With [neumann] alone and no reaction, u is determined only up to a constant, and solvers
+refuse the problem. A first line face tag instead of "boundary".
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -36,9 +39,9 @@ from agglo_core.arrays import Float, exact_cast, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.problems.discretisation import Field
-from agglo_core.problems.table import boundary_values, cell_values, face_tag, require_keys
+from agglo_core.problems.table import boundary_values, cell_values, face_tag, require_keys, robin_values
 
-_KEYS = ("boundary", "kappa", "reaction", "source", "dirichlet", "neumann")
+_KEYS = ("boundary", "kappa", "reaction", "source", "dirichlet", "neumann", "robin")
 _BOUNDARY = "boundary"
 _ZERO = 1e-9  # maximum |u| that counts as 0 on the boundary, in the unit of u
 _log = logging.getLogger("agglo")
@@ -46,16 +49,17 @@ _log = logging.getLogger("agglo")
 
 @dataclass(frozen=True, eq=False)
 class Diffusion:
-    """Find u with −∇·(κ∇u) + c u = f, given Dirichlet and Neumann data by boundary tag.
+    """Find u with −∇·(κ∇u) + c u = f, given boundary data by tag.
 
     Attributes
     ----------
     kappa, source : Field
         Diffusion coefficient (positive) and right-hand side f.
     dirichlet, neumann : mapping of boundary tag value to Field
-        Boundary values u and outward fluxes κ ∂u/∂n. If both are empty, u = 0 on the whole boundary.
-        Otherwise faces with tags in neither mapping are insulated, and every domain component needs a tag
-        in ``dirichlet``, or a positive reaction: with fluxes alone, u is determined only up to a constant.
+        Boundary values u and outward fluxes κ ∂u/∂n. Without these and ``robin``, u = 0 on the whole
+        boundary. Otherwise faces with other tags are insulated, and every domain component needs a tag in
+        ``dirichlet``, a positive α or a positive reaction: with fluxes alone, u is determined only up to a
+        constant.
     exact : callable, optional
         Exact solution, if known, for error norms. A solver that discretises the problem refuses it if it
         differs from the Dirichlet data on the boundary.
@@ -64,6 +68,8 @@ class Diffusion:
         the value 0.
     reaction : Field
         Coefficient c, not negative.
+    robin : mapping of boundary tag value to (Field, Field)
+        α and g of α u + κ ∂u/∂n = g, α not negative.
 
     Raises
     ------
@@ -95,6 +101,7 @@ class Diffusion:
     exact: Callable[[Float], Float] | None = None
     boundary: str = _BOUNDARY
     reaction: Field = field(default=0.0, kw_only=True)
+    robin: Mapping[int, tuple[Field, Field]] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("kappa", "source", "reaction"):
@@ -103,7 +110,7 @@ class Diffusion:
                     f"{name} must be a number, an array with one value per cell, or a callable; given "
                     f"{getattr(self, name)!r}"
                 )
-        for name, given in (("dirichlet", self.dirichlet), ("neumann", self.neumann)):
+        for name, given in ((name, getattr(self, name)) for name in ("dirichlet", "neumann", "robin")):
             if not isinstance(given, Mapping):
                 raise OptionError(
                     f"{name} must be a mapping from boundary tags to data; given {given!r:.60}: write "
@@ -112,6 +119,10 @@ class Diffusion:
                 )
         data = {f"dirichlet[{tag}]": value for tag, value in self.dirichlet.items()}
         data |= {f"neumann[{tag}]": value for tag, value in self.neumann.items()}
+        for tag, pair in self.robin.items():
+            if not isinstance(pair, tuple) or len(pair) != 2:
+                raise OptionError(f"robin[{tag}] must be a pair (alpha, g), given {pair!r:.60}")
+            data |= {f"alpha of robin[{tag}]": pair[0], f"g of robin[{tag}]": pair[1]}
         for name, value in (
             {"kappa": self.kappa, "source": self.source, "reaction": self.reaction} | data
         ).items():
@@ -130,7 +141,7 @@ class Diffusion:
             For an unknown or missing key, tag or value, numbers that are not finite, κ ≤ 0, or c < 0.
         """
         require_keys(table, _KEYS)
-        empty = [key for key in ("dirichlet", "neumann") if table.get(key) == {}]
+        empty = [key for key in ("dirichlet", "neumann", "robin") if table.get(key) == {}]
         if empty:
             raise OptionError(
                 f"[{empty[0]}] is empty: give a number for each boundary tag, or leave the table out"
@@ -138,9 +149,12 @@ class Diffusion:
         boundary = face_tag("boundary", table.get("boundary", _BOUNDARY), mesh, always=_BOUNDARY)
         dirichlet = boundary_values("dirichlet", table.get("dirichlet", {}), mesh, boundary)
         neumann = boundary_values("neumann", table.get("neumann", {}), mesh, boundary)
-        both = sorted(set(dirichlet) & set(neumann))
-        if both:
-            raise OptionError(f"boundary tag {both[0]} is in both dirichlet and neumann")
+        robin = robin_values("robin", table.get("robin", {}), mesh, boundary)
+        kinds: dict[str, Mapping[int, Any]] = {"dirichlet": dirichlet, "neumann": neumann, "robin": robin}
+        for one, other in combinations(kinds, 2):
+            both = sorted(set(kinds[one]) & set(kinds[other]))
+            if both:
+                raise OptionError(f"boundary tag {both[0]} is in both {one} and {other}")
         kappa = cell_values("kappa", table.get("kappa", 1.0), mesh)
         if np.min(kappa) <= 0.0:
             raise OptionError(f"kappa must be positive, given {np.min(kappa):g}")
@@ -148,7 +162,7 @@ class Diffusion:
         if np.min(reaction) < 0.0:
             raise OptionError(f"reaction must not be negative, given {np.min(reaction):g}")
         source = cell_values("source", table.get("source", 1.0), mesh)
-        return cls(kappa, source, dirichlet, neumann, boundary=boundary, reaction=reaction)
+        return cls(kappa, source, dirichlet, neumann, boundary=boundary, reaction=reaction, robin=robin)
 
     @classmethod
     def example(cls, mesh: Mesh) -> Self:
@@ -157,7 +171,7 @@ class Diffusion:
 
     def posed_on(self, mesh: Mesh) -> Self:
         """Return the problem, without the exact solution if that violates u = 0 on the mesh boundary."""
-        given = self.dirichlet or self.neumann
+        given = self.dirichlet or self.neumann or self.robin
         if self.exact is None or given:
             return self
         points = _boundary_points(mesh)  # no points on a rank with inner cells only

@@ -100,6 +100,28 @@ def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int
     return values
 
 
+def robin_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int, tuple[float, float]]:
+    """Return α and g for each value of a face tag, from a table of ``alpha`` and ``value`` for each.
+
+    Raises
+    ------
+    OptionError
+        As :func:`boundary_values`, for another key, or a negative α.
+    """
+    if not isinstance(given, Mapping):
+        raise OptionError(f"{key} must be a table by boundary tag, given {given!r:.60}")
+    columns: dict[str, dict[str, float]] = {"alpha": {}, "value": {}}
+    for tag, entry in given.items():
+        if not isinstance(entry, Mapping) or set(entry) != set(columns):
+            raise OptionError(f"{key}.{tag} must be a table with alpha and value, given {entry!r:.60}")
+        for name, column in columns.items():
+            column[tag] = number(f"{key}.{tag}.{name}", entry[name])
+        if entry["alpha"] < 0.0:
+            raise OptionError(f"{key}.{tag}.alpha must not be negative, given {entry['alpha']}")
+    alpha, values = (boundary_values(key, column, mesh, face_tag) for column in columns.values())
+    return {tag: (alpha[tag], values[tag]) for tag in alpha}
+
+
 def _tags_of(mesh: Mesh) -> str:
     return f"it has the face tags: {', '.join(mesh.face_tags) or 'none'}"
 

@@ -47,6 +47,7 @@ def times(problem: Diffusion, factor: float) -> Diffusion:
         source=_product(problem.source, factor),
         dirichlet={tag: _product(each, factor) for tag, each in problem.dirichlet.items()},
         neumann={tag: _product(each, factor) for tag, each in problem.neumann.items()},
+        robin={tag: (alpha, _product(g, factor)) for tag, (alpha, g) in problem.robin.items()},
         exact=exact and (lambda points: factor * np.asarray(exact(points), float)),
     )
 
@@ -54,7 +55,8 @@ def times(problem: Diffusion, factor: float) -> Diffusion:
 def data_size(mesh: Mesh, problem: Diffusion) -> float:
     """Return the largest absolute source or boundary value, with callables evaluated at centroids."""
     centres = mesh.face_centroids[mesh.face_cells[:, 1] < 0]
-    boundary = (*problem.dirichlet.values(), *problem.neumann.values())
+    robin = [g for _, g in problem.robin.values()]
+    boundary = (*problem.dirichlet.values(), *problem.neumann.values(), *robin)
     return max((*_sizes([problem.source], mesh.cell_centroids), *_sizes(boundary, centres)), default=0.0)
 
 

@@ -23,7 +23,7 @@ from agglo_core.authoring import (
     solvers,
 )
 from agglo_polydg_mg.forms.assembly import Lifted, discretise_lifted, load
-from agglo_polydg_mg.forms.boundary import boundary_faces, require_consistent
+from agglo_polydg_mg.forms.boundary import boundary_faces, largest_alpha, require_consistent
 from agglo_polydg_mg.forms.coefficients import cell_means, is_zero
 from agglo_polydg_mg.forms.fluxes import fluxes
 from agglo_polydg_mg.forms.norms import EnergyNorm, errors
@@ -201,7 +201,7 @@ class PolyDG:
         return {"l2": norms.l2 / factor, "dg": norms.dg / factor}
 
     def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:
-        """Return the load ``(n,)`` of source and Neumann data, equal to b if there are no Dirichlet data."""
+        """Return the load ``(n,)`` of source, Neumann and Robin data, b itself without Dirichlet data."""
         asked = _diffusion(problem)
         return load(self.basis(mesh), asked) if asked.dirichlet else b
 
@@ -210,14 +210,18 @@ class PolyDG:
     ) -> solvers.ResidualMeasure:
         """Return the function by which solvers measure residuals, for the right-hand side ``b (n,)``.
 
-        It weights by the cell means of κ + c h², with the reaction c and the mean size h of all cells.
+        It weights by κ + c h² + α h with the cell means of κ and of the reaction c, α of Robin data on the
+        cell's faces, and the mean size h of all cells.
         """
         diffusion, basis = _diffusion(problem), basis or self.basis(mesh)
         kappa = cell_means(mesh, diffusion.kappa)
+        h = mesh.cell_measures.mean() ** (1 / mesh.dim)
         if not is_zero(diffusion.reaction):
-            square = mesh.cell_measures.mean() ** (2 / mesh.dim)
-            kappa = frozen_float(kappa + square * cell_means(mesh, diffusion.reaction, "reaction"))
-        norm = EnergyNorm(basis, diffusion, self.penalty) if diffusion.dirichlet else None
+            kappa = frozen_float(kappa + h**2 * cell_means(mesh, diffusion.reaction, "reaction"))
+        if diffusion.robin:
+            kappa = frozen_float(kappa + h * largest_alpha(mesh, diffusion))
+        has_data = diffusion.dirichlet or diffusion.robin
+        norm = EnergyNorm(basis, diffusion, self.penalty) if has_data else None
         if kappa.min() == kappa.max():
             return solvers.ResidualMeasure(b, norm=norm)
         source = load(basis, diffusion) if diffusion.dirichlet else None
@@ -249,6 +253,10 @@ def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
         source=0.0,
         dirichlet=dict.fromkeys(diffusion.dirichlet, 0.0),
         neumann=dict.fromkeys(diffusion.neumann, 0.0),
+        robin={
+            tag: (alpha if callable(alpha) else _average_coefficient(alpha, mesh, labels, "alpha"), 0.0)
+            for tag, (alpha, _) in diffusion.robin.items()
+        },
         boundary=diffusion.boundary,
     )
 

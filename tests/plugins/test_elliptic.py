@@ -1,4 +1,4 @@
-"""Elliptic problems beyond diffusion with a scalar coefficient: reaction."""
+"""Elliptic problems beyond diffusion with Dirichlet and Neumann data: reaction and Robin data."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def test_reaction_in_one_cell_of_each_component_suffices() -> None:
     reaction[4] = 1.0
     problem = Diffusion(neumann={0: 0.0}, reaction=reaction)
     with pytest.raises(
-        OptionError, match="the component of cell 9 has no boundary face with Dirichlet data and no r"
+        OptionError, match="the component of cell 9 has no boundary face with Dirichlet data, no r"
     ):
         PolyDG().assemble(problem, mesh)
     reaction[12] = 1.0
@@ -206,3 +206,176 @@ def test_material_tables_give_the_reaction(tmp_path: Any) -> None:
     path.write_text("reaction = -1\n")
     with pytest.raises(AggloError, match="reaction must not be negative, given -1"):
         agglo.problems.read_problem(path, mesh)
+
+
+# --- Robin data
+
+
+def sides(mesh: Mesh) -> Mesh:
+    """The mesh with its boundary tagged: 1 left, 2 right, 0 elsewhere."""
+    x = mesh.face_centroids[:, 0]
+    tags = np.where(x < x.min() + 1e-9, 1, np.where(x > x.max() - 1e-9, 2, 0))
+    return replace(mesh, face_tags={"boundary": tags})
+
+
+def linear(x: Array) -> Array:
+    return np.asarray(1.0 + x @ np.array([2.0, -3.0, 1.5])[: x.shape[1]])
+
+
+def flux(kappa: float, axis: int, sign: float) -> float:
+    return sign * kappa * (2.0, -3.0, 1.5)[axis]
+
+
+BOXES: dict[str, Callable[[], Mesh]] = {
+    "voronoi": lambda: sides(samples.voronoi(40, seed=1)),
+    "random triangles": lambda: sides(samples.random_triangles(60, seed=2)),
+    "tetrahedra": lambda: sides(samples.random_tetrahedra(60, seed=3)),
+}
+
+
+@pytest.mark.parametrize("name", BOXES)
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("tagged", ["robin alone", "with the others"])
+def test_linear_solutions_are_met_with_robin_data(name: str, degree: int, tagged: str) -> None:
+    mesh, kappa = BOXES[name](), 2.5
+
+    def alpha(x: Array) -> Array:
+        return np.asarray(1.0 + x[:, 1])
+
+    def right(x: Array) -> Array:
+        return np.asarray(alpha(x) * linear(x) + flux(kappa, 0, 1.0))
+
+    def left(x: Array) -> Array:
+        return np.asarray(0.5 * linear(x) + flux(kappa, 0, -1.0))
+
+    rest: dict[str, Any] = {"dirichlet": {0: linear}}
+    if tagged == "robin alone":
+
+        def around(x: Array) -> Array:
+            """The flux through the other sides, which lie along axes."""
+            low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+            total = np.zeros(len(x))
+            for axis in range(1, mesh.dim):
+                total += np.where(np.isclose(x[:, axis], low[axis]), flux(kappa, axis, -1.0), 0.0)
+                total += np.where(np.isclose(x[:, axis], high[axis]), flux(kappa, axis, 1.0), 0.0)
+            return total
+
+        rest = {"neumann": {0: around}}
+    problem = Diffusion(kappa, 0.0, robin={1: (0.5, left), 2: (alpha, right)}, exact=linear, **rest)
+    assert errors_of(PolyDG(degree), problem, mesh).l2 < 1e-10
+
+
+ROBIN = Diffusion(
+    source=lambda x: (13.0 + coefficient(x)) * wave(x),
+    dirichlet={0: wave, 1: wave},
+    robin={
+        2: (
+            lambda x: 2.0 + x[:, 1],
+            lambda x: (2.0 + x[:, 1]) * wave(x) + 2.0 * np.cos(2.0 * x[:, 0] + 0.3) * np.cos(3.0 * x[:, 1]),
+        )
+    },
+    exact=wave,
+    reaction=coefficient,
+)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_orders_with_robin_data(degree: int) -> None:
+    found = [errors_of(PolyDG(degree), ROBIN, sides(samples.voronoi(n, seed=0))) for n in (100, 1600)]
+    assert np.log2(found[0].l2 / found[1].l2) / 2 > degree + 0.75
+    assert np.log2(found[0].dg / found[1].dg) / 2 > degree - 0.25
+
+
+def test_a_large_alpha_is_a_dirichlet_condition() -> None:
+    mesh = sides(samples.voronoi(80, seed=3))
+    held = Diffusion(dirichlet={1: 5.0})
+    for solver in ("direct", "polydg_mg"):
+        stiff = agglo.solve(mesh, Diffusion(robin={1: (1e6, 5e6)}), solver=solver, degree=2, tolerance=1e-7)
+        assert stiff.converged
+        expected = agglo.solve(mesh, held, solver="direct", degree=2, tolerance=1e-9)
+        points = mesh.cell_centroids
+        values = [each.discretisation.evaluate(mesh, each.x, points) for each in (stiff, expected)]
+        assert values[0] == pytest.approx(values[1], abs=1e-2)
+
+
+def test_alpha_alone_makes_the_solution_unique() -> None:
+    mesh = sides(samples.squares(4))
+    solution = agglo.solve(mesh, Diffusion(source=0.0, robin={1: (2.0, 6.0)}), tolerance=1e-10)
+    assert solution.x == pytest.approx(solution.discretisation.project(mesh, 3.0), abs=1e-8)
+    for alpha in (0.0, lambda x: np.zeros(len(x))):
+        with pytest.raises(OptionError, match="no Robin data with positive alpha"):
+            PolyDG().assemble(Diffusion(source=0.0, robin={1: (alpha, 6.0)}), mesh)
+
+
+def test_robin_data_by_cell_follow_the_numbering_and_the_agglomerates() -> None:
+    plain = samples.squares(110)
+    mesh = sides(plain.renumbered(np.random.default_rng(0).permutation(plain.n_cells)))
+    by_cell = 1.0 + np.floor(4.0 * mesh.cell_centroids[:, 1])
+    problem = Diffusion(robin={1: (by_cell, by_cell)})
+    found = agglo.solve(mesh, problem, tolerance=1e-9)
+    assert "renumbered" in found.choice
+    assert abs(found.x - solved(PolyDG(1), problem, mesh)).max() < 1e-6
+    coarse = sides(samples.squares(4))
+    rows = np.arange(16) // 4 + 1.0
+    operator = PolyDG(1, 10.0).coarse_operator(Diffusion(robin={1: (rows, 1.0)}), coarse, np.arange(16) // 8)
+    assert np.linalg.eigvalsh(operator.toarray()).min() > 0.0
+
+
+@pytest.mark.parametrize("solver", ["polydg_mg", "polydg_mg_paper", "polydg_cg", "multigrid"])
+def test_solvers_accept_robin_data(solver: str) -> None:
+    mesh = sides(samples.voronoi(100, seed=5))
+    problem = Diffusion(robin={1: (3.0, 1.0), 2: (lambda x: 1.0 + x[:, 1], 0.0)})
+    solution = agglo.solve(agglomerate(mesh, n_parts=(20, 5)), problem, solver=solver, tolerance=1e-9)
+    exact = solved(solution.discretisation, problem, mesh)
+    assert solution.converged
+    assert abs(solution.x - exact).max() <= 1e-5 * abs(exact).max()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            {"robin": {1: (-1.0, 0.0)}},
+            r"alpha of robin must not be negative: it is -1 on face \d+ with tag 1",
+        ),
+        ({"robin": {1: (lambda x: x[:, 1] - 9, 0.0)}}, r"it is -\d\.?\d* on face \d+ with tag 1"),
+        ({"robin": {1: 2.0}}, r"robin\[1\] must be a pair \(alpha, g\), given 2.0"),
+        ({"robin": {1: (1.0, "x")}}, r"g of robin\[1\]"),
+        ({"robin": 3.0}, "robin must be a mapping from boundary tags to data; given 3.0"),
+        ({"robin": {1: (1.0, 0.0)}, "neumann": {1: 0.0}}, r"tags \[1\] have both Neumann and Robin data"),
+        ({"robin": {1: (1.0, 0.0)}, "dirichlet": {1: 0.0}}, r"tags \[1\] have both Dirichlet and Robin data"),
+        ({"robin": {7: (1.0, 0.0)}}, "no boundary face has the tag 7"),
+    ],
+)
+def test_bad_robin_data_are_refused(given: Any, message: str) -> None:
+    with pytest.raises(AggloError, match=message):
+        PolyDG().assemble(Diffusion(**given), sides(samples.squares(4)))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[robin.1]\nalpha = 1", "robin.1 must be a table with alpha and value, given {'alpha': 1}"),
+        ("robin = 3", "robin must be a table by boundary tag, given 3"),
+        ("[robin]\n1 = 2", "robin.1 must be a table with alpha and value, given 2"),
+        ("[robin.1]\nalpha = -2\nvalue = 0", "robin.1.alpha must not be negative, given -2"),
+        ("[robin.1]\nalpha = 1\nvalue = 'x'", "robin.1.value must be a finite number, given 'x'"),
+        ("[robin.9]\nalpha = 1\nvalue = 0", "robin names boundary tag 9; the mesh has: 0, 1, 2"),
+        (
+            "[robin.1]\nalpha = 1\nvalue = 0\n[neumann]\n1 = 0",
+            "boundary tag 1 is in both neumann and robin",
+        ),
+        ("[robin]", "[robin] is empty"),
+    ],
+)
+def test_bad_robin_tables_are_refused(tmp_path: Any, text: str, message: str) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text(text)
+    with pytest.raises(AggloError, match=re.escape(message)):
+        agglo.problems.read_problem(path, sides(samples.squares(4)))
+
+
+def test_robin_tables(tmp_path: Any) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text("[robin.2]\nalpha = 10\nvalue = -2.5\n")
+    assert agglo.problems.read_problem(path, sides(samples.squares(4))).robin == {2: (10.0, -2.5)}

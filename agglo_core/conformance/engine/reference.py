@@ -128,13 +128,21 @@ def _fluxes(problem: Diffusion, mesh: Mesh) -> tuple[Any, Float]:
     walls += np.bincount(owner[dirichlet], weight, n)
     b = b + np.bincount(owner[dirichlet], weight * values[dirichlet], n)
     b = b + np.bincount(owner[edge], (mesh.face_measures * natural)[edge], n)
+    # Robin faces: α in series with the cell resistance.
+    tags = mesh.face_tags.get(problem.boundary, np.zeros(mesh.n_faces, np.int64))
+    for tag, (alpha, g) in problem.robin.items():
+        faces = np.flatnonzero(edge & (tags == tag))
+        alphas, data = (_sample(field, (mesh.origin + middle)[faces]) for field in (alpha, g))
+        weight = mesh.face_measures[faces] / (1.0 + alphas * resistances[0][faces])
+        walls += np.bincount(owner[faces], weight * alphas, n)
+        b = b + np.bincount(owner[faces], weight * data, n)
     return sparse.csr_array(sparse.diags_array(A.sum(axis=1) + walls) - A), frozen_float(b)
 
 
 def _boundary(problem: Diffusion, mesh: Mesh, middle: Float) -> tuple[Float, Float]:
     """Return Dirichlet values per face (NaN elsewhere) and Neumann fluxes per face (0 elsewhere)."""
     tags = mesh.face_tags.get(problem.boundary, np.zeros(mesh.n_faces, np.int64))
-    values = np.full(mesh.n_faces, np.nan if problem.dirichlet else 0.0)
+    values = np.full(mesh.n_faces, np.nan if problem.dirichlet or problem.robin else 0.0)
     natural = np.zeros(mesh.n_faces)
     for target, data in ((values, problem.dirichlet), (natural, problem.neumann)):
         for tag, field in data.items():

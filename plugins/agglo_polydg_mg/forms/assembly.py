@@ -29,7 +29,8 @@ from agglo_polydg_mg.forms.boundary import (
     data_offset,
     dirichlet_load,
     dirichlet_values,
-    neumann_load,
+    natural_load,
+    robin_terms,
     rule_of,
 )
 from agglo_polydg_mg.forms.coefficients import positive, reaction_blocks
@@ -54,7 +55,7 @@ def discretise(
     degree : int
         p, 1..6.
     problem : Diffusion
-        Dirichlet and Neumann data refer to the face tag ``problem.boundary``. Without data, u = 0 on the
+        Boundary data refer to the face tag ``problem.boundary``. Without data, u = 0 on the
         whole boundary; otherwise faces without data are insulated. A callable κ is sampled inside the cells
         and just inside their faces, so it may jump between cells.
     penalty : float, "paper" or "sharp"
@@ -69,8 +70,8 @@ def discretise(
         For degenerate cells; in 3-D, with a constant C, for nonconvex cells.
     OptionError
         For a degree outside 1..6, nonpositive κ, a negative reaction, data with nonfinite values or the
-        wrong shape, tags missing on the boundary, or a domain component without Dirichlet faces and
-        reaction (where the solution is unique only up to a constant).
+        wrong shape, tags missing on the boundary, or a domain component without Dirichlet faces,
+        reaction and positive α (where the solution is unique only up to a constant).
     """
     return discretise_lifted(mesh, degree, problem, penalty=penalty, scaled_basis=scaled_basis).system
 
@@ -121,6 +122,9 @@ def discretise_lifted(
     sigma = jump_penalty(basis, kappa, penalty, boundary.natural, on_faces, inside, unit_forms)
     reaction = reaction_blocks(basis, problem.reaction)
     A = _matrix(basis, inside, on_faces, sigma, kappa, unit_forms, reaction)
+    robin = robin_terms(basis, problem, boundary)
+    if robin is not None:
+        robin.add_to(A.data, basis.pattern[2])
     # 3. Load and Dirichlet data
     loads = load(basis, problem).reshape(mesh.n_cells, -1)
     g = dirichlet_values(basis, problem, boundary)
@@ -141,13 +145,13 @@ def discretise_lifted(
 
 
 def load(basis: Basis, problem: Diffusion) -> Float:
-    """Return the load vector ``(n,)`` of source and Neumann data: b without Dirichlet terms.
+    """Return the load vector ``(n,)`` of source, Neumann and Robin data: b without Dirichlet terms.
 
     Its product with the coefficients of u is the load work, ∫ f u + ∫ flux u.
     """
     source = basis.weighted_moments(problem.source, basis.degree, "source") * basis.scale[:, None]
-    if problem.neumann:
-        source += neumann_load(basis, problem, boundary_faces(basis.mesh, problem))
+    if problem.neumann or problem.robin:
+        source += natural_load(basis, problem, boundary_faces(basis.mesh, problem))
     return frozen_float(source.ravel())
 
 

@@ -1,8 +1,9 @@
-"""Boundary data: Dirichlet and Neumann faces, and their right-hand sides."""
+"""Boundary data: Dirichlet, Neumann and Robin faces, their right-hand sides, and the Robin matrix."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ _ROUNDING = 1e-6
 
 
 class Boundary(NamedTuple):
-    """Face tags ``(n_faces,)``, Dirichlet faces, and natural (Neumann) faces of the boundary."""
+    """Face tags ``(n_faces,)``, Dirichlet faces, and natural (Neumann or Robin) boundary faces."""
 
     tags: Int
     dirichlet: Int
@@ -33,30 +34,34 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     Raises
     ------
     OptionError
-        For an unknown face tag, a value in both kinds of data or on no face, or a component with neither
-        Dirichlet faces nor reaction.
+        For an unknown face tag, a value in two kinds of data or on no face, or a component without
+        Dirichlet faces, positive α and positive reaction.
     """
     # 1. Check the tags
     tags = _tags(mesh, problem.boundary)
     outer, kinds = mesh.face_cells[:, 1] < 0, mesh.boundary_kinds
     on_boundary = kinds.tags.get(problem.boundary, np.zeros_like(kinds.component))
     present = np.unique(on_boundary).tolist()
-    conflicts = sorted(set(problem.dirichlet) & set(problem.neumann))
-    if conflicts:
-        raise OptionError(
-            f"boundary tags {conflicts} have both Dirichlet and Neumann data: give only one of them"
-        )
-    unknown = sorted({*problem.dirichlet, *problem.neumann} - set(present))
+    kinds_of_data = {"Dirichlet": problem.dirichlet, "Neumann": problem.neumann, "Robin": problem.robin}
+    for one, other in combinations(kinds_of_data, 2):
+        conflicts = sorted(set(kinds_of_data[one]) & set(kinds_of_data[other]))
+        if conflicts:
+            raise OptionError(
+                f"boundary tags {conflicts} have both {one} and {other} data: give only one of them"
+            )
+    unknown = sorted({*problem.dirichlet, *problem.neumann, *problem.robin} - set(present))
     if unknown:
         raise OptionError(f"no boundary face has the tag {unknown[0]}; the boundary has the tags {present}")
     # 2. Split the boundary faces
-    data = problem.dirichlet or problem.neumann
+    data = problem.dirichlet or problem.neumann or problem.robin
     dirichlet = outer & np.isin(tags, list(problem.dirichlet)) if data else outer
     natural = outer & ~dirichlet
     if data:
         held = np.isin(on_boundary, list(problem.dirichlet))
         free = np.setdiff1d(kinds.component, kinds.component[held])
-        _require_unique(mesh, free, problem.reaction)
+        found = Boundary(tags, frozen_int(np.flatnonzero(dirichlet)), frozen_int(np.flatnonzero(natural)))
+        _require_unique(mesh, free, problem, found)
+        return found
     return Boundary(tags, frozen_int(np.flatnonzero(dirichlet)), frozen_int(np.flatnonzero(natural)))
 
 
@@ -70,34 +75,41 @@ def _tags(mesh: Mesh, name: str) -> Int:
     return frozen_int(np.zeros(mesh.n_faces))
 
 
-def _require_unique(mesh: Mesh, free: Int, reaction: Field) -> None:
-    """Raise OptionError if a component without Dirichlet faces has no reaction either.
+def _require_unique(mesh: Mesh, free: Int, problem: Diffusion, boundary: Boundary) -> None:
+    """Raise OptionError if a component without Dirichlet faces has neither reaction nor a positive α.
 
     ``free`` components are given by their first cells.
     """
     if len(free):
-        free = frozen_int(free[~_has_reaction(mesh, free, reaction)])
+        free = frozen_int(free[~_are_held(mesh, free, problem, boundary)])
     if len(free):
         raise OptionError(
-            f"the component of cell {free[0]} has no boundary face with Dirichlet data and no reaction, so "
-            "the solution is determined only up to a constant there; give a Dirichlet value for one of its "
-            "boundary tags (if only other tags have data, its faces are insulated)"
+            f"the component of cell {free[0]} has no boundary face with Dirichlet data, no reaction and no "
+            "Robin data with positive alpha, so the solution is determined only up to a constant there; give "
+            "a Dirichlet value for one of its boundary tags (if only other tags have data, its faces are "
+            "insulated)"
         )
 
 
-def _has_reaction(mesh: Mesh, components: Int, reaction: Field) -> Mask:
-    """Return True for components, given by their first cells, where the reaction is positive somewhere.
+def _are_held(mesh: Mesh, components: Int, problem: Diffusion, boundary: Boundary) -> Mask:
+    """Return True for components, given by their first cells, with reaction or a positive α somewhere.
 
-    On a piece of a distributed mesh, whose components are those of the whole, it must be positive in every
-    cell of the piece.
+    On a piece of a distributed mesh, whose components are those of the whole, only a number α counts, and a
+    reaction that is positive in every cell of the piece.
     """
-    if is_zero(reaction):
-        return np.zeros(len(components), bool)
-    cells = cell_means(mesh, nonnegative(mesh, reaction), "reaction") > 0
-    if not mesh.boundary_kinds.whole:
-        return np.full(len(components), cells.all())
-    component = mesh.graph.components()
-    return np.isin(component[components], component[cells])
+    kinds = mesh.boundary_kinds
+    if kinds.whole:
+        cells = cell_means(mesh, nonnegative(mesh, problem.reaction), "reaction") > 0
+        rule = face_rule(mesh, boundary.natural, 3)
+        alpha = robin_alpha(mesh, boundary, problem, rule)
+        cells[mesh.face_cells[rule.faces[(alpha > 0).any(axis=1)], 0]] = True
+        component = mesh.graph.components()
+        return np.isin(component[components], component[cells])
+    on_boundary = kinds.tags.get(problem.boundary, np.zeros_like(kinds.component))
+    firm = [tag for tag, (alpha, _) in problem.robin.items() if not callable(alpha) and np.all(alpha)]
+    held = np.isin(components, kinds.component[np.isin(on_boundary, firm)])
+    everywhere = bool((cell_means(mesh, nonnegative(mesh, problem.reaction), "reaction") > 0).all())
+    return held | everywhere
 
 
 def boundary_values(
@@ -205,11 +217,90 @@ def dirichlet_load(basis: Basis, boundary: Boundary, kappa: Float, sigma: Float)
     return lambda g: _sum_per_cell(basis, faces, rule.weights * g, tests)
 
 
-def neumann_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
-    """Return the right-hand side ``(n_cells, n_local)`` for Neumann data: ∫ flux v."""
+def natural_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
+    """Return the right-hand side ``(n_cells, n_local)`` for Neumann and Robin data: ∫ g v."""
     rule = rule_of(basis, boundary.natural)
     g = boundary_values(basis.mesh, boundary, problem.neumann, rule.faces, rule.points, "neumann")
+    g += boundary_values(basis.mesh, boundary, _second(problem.robin), rule.faces, rule.points, "robin")
     return _sum_per_cell(basis, rule.faces, rule.weights * g, _traces(basis, rule))
+
+
+def robin_alpha(mesh: Mesh, boundary: Boundary, problem: Diffusion, rule: FaceRule) -> Float:
+    """Evaluate α ``(t, q)`` at the points of a rule on natural faces, 0 without Robin data.
+
+    Raises
+    ------
+    OptionError
+        For a negative value, with tag and face.
+    """
+    of_tags = {tag: alpha for tag, (alpha, _) in problem.robin.items()}
+    alpha = boundary_values(mesh, boundary, of_tags, rule.faces, rule.points, "alpha of robin")
+    if alpha.size and alpha.min() < 0.0:
+        piece = int(np.argmin(alpha.min(axis=1)))
+        face = rule.faces[piece]
+        raise OptionError(
+            f"alpha of robin must not be negative: it is {alpha[piece].min():g} on face {face} with tag "
+            f"{boundary.tags[face]}"
+        )
+    return alpha
+
+
+def largest_alpha(mesh: Mesh, problem: Diffusion) -> Float:
+    """Return the largest α on the faces of each cell ``(n_cells,)``, 0 without Robin data."""
+    boundary, largest = boundary_faces(mesh, problem), np.zeros(mesh.n_cells)
+    rule = face_rule(mesh, boundary.natural, 2)
+    alpha = robin_alpha(mesh, boundary, problem, rule)
+    np.maximum.at(largest, mesh.face_cells[rule.faces, 0], alpha.max(axis=1, initial=0.0))
+    return largest
+
+
+class RobinTerms(NamedTuple):
+    """Robin terms ∫ α u v − ∫ g v at quadrature points on boundary face pieces.
+
+    Attributes
+    ----------
+    cells : (t,) int
+    tests : (t, q, n_local) float
+        Polynomials of each piece's cell.
+    weights : (t, q) float
+        Quadrature weights times α.
+    targets : (t, q) float
+        g / α, or 0 where α = 0.
+    """
+
+    cells: Int
+    tests: Float
+    weights: Float
+    targets: Float
+
+    def add_to(self, blocks: Float, places: Int) -> None:
+        """Add ∫ α φ_i φ_j to matrix ``blocks``, with the diagonal block of cell c at ``places[c]``."""
+        own = np.einsum("tq,tqi,tqj->tij", self.weights, self.tests, self.tests, optimize=True)
+        np.add.at(blocks, places[self.cells], own)
+
+    def energy(self, u: Float) -> float:
+        """Return ∫ α (u − g/α)² for coefficients ``u (n_cells, n_local)``."""
+        values = np.einsum("tqi,ti->tq", self.tests, u[self.cells])
+        return float((self.weights * (values - self.targets) ** 2).sum())
+
+
+def robin_terms(basis: Basis, problem: Diffusion, boundary: Boundary) -> RobinTerms | None:
+    """Return the terms of Robin data, or None without any."""
+    if not problem.robin:
+        return None
+    mesh = basis.mesh
+    faces = frozen_int(boundary.natural[np.isin(boundary.tags[boundary.natural], list(problem.robin))])
+    rule = rule_of(basis, faces)
+    alpha = robin_alpha(mesh, boundary, problem, rule)
+    g = boundary_values(mesh, boundary, _second(problem.robin), rule.faces, rule.points, "robin")
+    targets = np.divide(g, alpha, out=np.zeros_like(g), where=alpha > 0)
+    return RobinTerms(
+        frozen_int(mesh.face_cells[rule.faces, 0]), _traces(basis, rule), rule.weights * alpha, targets
+    )
+
+
+def _second(pairs: Mapping[int, tuple[Field, Field]]) -> Mapping[int, Field]:
+    return {tag: value for tag, (_, value) in pairs.items()}
 
 
 def _traces(basis: Basis, rule: FaceRule) -> Float:

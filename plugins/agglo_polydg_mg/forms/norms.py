@@ -11,7 +11,14 @@ import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mask, Mesh, OptionError, frozen_int
 from agglo_polydg_mg.forms.assembly import jump_penalty
-from agglo_polydg_mg.forms.boundary import Boundary, boundary_faces, boundary_values, data_offset
+from agglo_polydg_mg.forms.boundary import (
+    Boundary,
+    RobinTerms,
+    boundary_faces,
+    boundary_values,
+    data_offset,
+    robin_terms,
+)
 from agglo_polydg_mg.forms.coefficients import positive, reaction_blocks
 from agglo_polydg_mg.forms.face_quadrature import face_coefficients, face_rule, on_pieces
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty
@@ -27,11 +34,12 @@ Outside = Callable[[Int, Float], Float]
 
 @dataclass(frozen=True, eq=False)
 class EnergyNorm:
-    """The DG norm of a discrete function, with its jumps to the Dirichlet data and the reaction.
+    """The DG norm of a discrete function, with its distance to the boundary data and the reaction.
 
-    (‖√κ ∇u‖² + ‖√c u‖² + Σ_F γσ ‖[u]‖² + Σ_F κσ ‖u − g‖²)^½. It is a sum of squares, hence exact to
-    rounding. In contrast, a(u, u) contains σ‖g‖², which may exceed the energy of u by any factor. u and g
-    are taken without the :func:`~agglo_polydg_mg.forms.boundary.data_offset`.
+    (‖√κ ∇u‖² + ‖√c u‖² + Σ_F γσ ‖[u]‖² + Σ_F κσ ‖u − g‖²)^½, for Robin data with α ‖u − g/α‖² on their
+    faces. It is a sum of squares, hence exact to rounding. In contrast, a(u, u) contains σ‖g‖², which may
+    exceed the energy of u by any factor. u and g are taken without the
+    :func:`~agglo_polydg_mg.forms.boundary.data_offset`.
     """
 
     basis: Basis
@@ -44,6 +52,8 @@ class EnergyNorm:
         inside = float(np.einsum("ci,cij,cj->", u, self._blocks, u, optimize=True))
         if self._reaction is not None:
             inside += float(np.einsum("ci,cij,cj->", u, self._reaction, u, optimize=True))
+        if self._robin is not None:
+            inside += self._robin.energy(u)
         return float(np.sqrt(inside + jumps(self.basis, x, self._data, kappa, self._sigma)))
 
     def _data(self, faces: Int, points: Float) -> Float:
@@ -70,6 +80,10 @@ class EnergyNorm:
     @cached_property
     def _reaction(self) -> Float | None:
         return reaction_blocks(self.basis, self.problem.reaction)
+
+    @cached_property
+    def _robin(self) -> RobinTerms | None:
+        return robin_terms(self.basis, self.problem, self._boundary)
 
     @cached_property
     def _sigma(self) -> Float:

@@ -69,6 +69,7 @@ class Numbering:
             reaction=self._taken(problem.reaction),
             dirichlet=self._all_taken(problem.dirichlet),
             neumann=self._all_taken(problem.neumann),
+            robin={tag: (self._taken(alpha), self._taken(g)) for tag, (alpha, g) in problem.robin.items()},
         )
 
     def _all_taken(self, data: Mapping[int, Field]) -> Mapping[int, Field]:
