@@ -266,9 +266,9 @@ class Solution:
         """Return the numerical flux −∫ κ ∂u/∂n through each face, outward of the face's first cell.
 
         It is the flux that the discretisation uses: −{κ∇u}·n + γσ[u] on inner faces for ``polydg``, with the
-        boundary values on Dirichlet faces, and the given values on the other boundary faces. The fluxes out
-        of a cell therefore sum to the integral of its source. With an iterative solver they do up to its
-        residual: the smaller the tolerance, the better.
+        boundary values on Dirichlet faces, α u − g on Robin faces, and minus the given fluxes on Neumann
+        faces. The fluxes out of a cell therefore sum to the integral of its source less reaction. With an
+        iterative solver they do up to its residual: the smaller the tolerance, the better.
 
         Returns
         -------

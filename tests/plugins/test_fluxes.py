@@ -13,7 +13,9 @@ import agglo_core as agglo
 from agglo_core import Diffusion, Linear, Mesh, OptionError, samples
 from agglo_core.errors import FileError
 from agglo_core.io.vtk.xml_read import parse
+from agglo_polydg_mg.forms.coefficients import reaction_blocks
 from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.space.basis import block_diagonal
 from agglo_polydg_mg.space.quadrature import weighted_moments
 
 Array = NDArray[np.float64]
@@ -55,6 +57,13 @@ DATA = {
         dirichlet={1: lambda x: np.cos(3.0 * x[:, 1]), 3: 2.0},
         neumann={2: lambda x: x[:, 1]},
     ),
+    "reaction and Robin": Diffusion(
+        kappa=lambda x: 1.0 + x[:, 0],
+        reaction=lambda x: 5.0 * x[:, 1],
+        source=1.0,
+        dirichlet={1: 2.0},
+        robin={2: (lambda x: 1.0 + x[:, 1], 3.0)},
+    ),
 }
 
 
@@ -69,16 +78,19 @@ def outflow(mesh: Mesh, fluxes: Array) -> Array:
 @pytest.mark.parametrize("degree", [1, 3])
 @pytest.mark.parametrize("data", DATA)
 @pytest.mark.parametrize("name", MESHES)
-def test_fluxes_out_of_each_cell_sum_to_its_source(name: str, data: str, degree: int) -> None:
+def test_fluxes_out_of_each_cell_sum_to_its_source_less_reaction(name: str, data: str, degree: int) -> None:
     mesh, problem = MESHES[name], DATA[data]
     if data == "cell values" and name != "voronoi":
         problem = Diffusion(kappa=np.geomspace(1e-3, 1e3, mesh.n_cells), source=1.0)
     for penalty in ("sharp", 40.0):
         how = PolyDG(degree, penalty)
         system = how.assemble(problem, mesh)
-        fluxes = how.fluxes(problem, mesh, spsolve(system.A.tocsc(), system.b))
-        source = how.basis(mesh).project(problem.source)
-        expected = how.basis(mesh).constants(np.ones(mesh.n_cells)) * (how.mass(mesh) @ source)
+        x = spsolve(system.A.tocsc(), system.b)
+        fluxes = how.fluxes(problem, mesh, x)
+        source = how.mass(mesh) @ how.project(mesh, problem.source)
+        reaction = reaction_blocks(how.basis(mesh), problem.reaction)
+        source -= 0.0 if reaction is None else block_diagonal(reaction) @ x
+        expected = how.basis(mesh).constants(np.ones(mesh.n_cells)) * source
         gap = outflow(mesh, fluxes) - expected.reshape(mesh.n_cells, -1).sum(axis=1)
         assert np.abs(gap).max() <= 1e-10 * np.abs(fluxes).max()
 

@@ -220,9 +220,14 @@ def dirichlet_load(basis: Basis, boundary: Boundary, kappa: Float, sigma: Float)
 def natural_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
     """Return the right-hand side ``(n_cells, n_local)`` for Neumann and Robin data: ∫ g v."""
     rule = rule_of(basis, boundary.natural)
-    g = boundary_values(basis.mesh, boundary, problem.neumann, rule.faces, rule.points, "neumann")
-    g += boundary_values(basis.mesh, boundary, _second(problem.robin), rule.faces, rule.points, "robin")
+    g = natural_values(basis.mesh, boundary, problem, rule)
     return _sum_per_cell(basis, rule.faces, rule.weights * g, _traces(basis, rule))
+
+
+def natural_values(mesh: Mesh, boundary: Boundary, problem: Diffusion, rule: FaceRule) -> Float:
+    """Evaluate Neumann data and g of Robin data ``(t, q)`` at the points of a rule on natural faces."""
+    g = boundary_values(mesh, boundary, problem.neumann, rule.faces, rule.points, "neumann")
+    return g + boundary_values(mesh, boundary, _second(problem.robin), rule.faces, rule.points, "robin")
 
 
 def robin_alpha(mesh: Mesh, boundary: Boundary, problem: Diffusion, rule: FaceRule) -> Float:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mesh, frozen_float, frozen_int
-from agglo_polydg_mg.forms.assembly import jump_penalty, positive
-from agglo_polydg_mg.forms.boundary import boundary_faces, boundary_values
-from agglo_polydg_mg.forms.face_quadrature import face_coefficients, face_rule, on_pieces
+from agglo_polydg_mg.forms.assembly import jump_penalty
+from agglo_polydg_mg.forms.boundary import boundary_faces, boundary_values, natural_values, robin_alpha
+from agglo_polydg_mg.forms.coefficients import positive
+from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_coefficients, face_rule, on_pieces
 from agglo_polydg_mg.forms.norms import offset_of
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.space.basis import Basis
@@ -22,9 +22,9 @@ def fluxes(basis: Basis, mesh: Mesh, x: Float, problem: Diffusion, penalty: Pena
     """Return the numerical flux ∫ −κ ∂u/∂n through each face ``(n_faces,)``, outward of its first cell.
 
     Tested with the indicator function of a cell, the discrete problem contains −{κ∇u}·n + γσ[u] on inner
-    faces, with u − g for [u] on Dirichlet faces, and minus the given flux on Neumann faces. If x solves the
-    system, the fluxes out of a cell therefore sum to the integral of its source, at the quadrature of the
-    right-hand side; otherwise they differ by the residual.
+    faces, with u − g for [u] on Dirichlet faces, αu − g on Robin faces, and minus the given flux on Neumann
+    faces. If x solves the system, the fluxes out of a cell therefore sum to the integral of f − c u, at the
+    quadrature of the system; otherwise they differ by the residual.
 
     Parameters
     ----------
@@ -79,27 +79,39 @@ def _through_faces(state: _State, mesh: Mesh, sigma: Float) -> Float:
         first, second = mesh.face_cells[rule.faces].T
         inner, free = np.flatnonzero(second >= 0), np.flatnonzero(natural[rule.faces])
         fixed = np.flatnonzero((second < 0) & ~natural[rule.faces])
-
-        def given(data: Mapping[int, Field], pieces: Int, name: str) -> Float:
-            own, points = frozen_int(rule.faces[pieces]), frozen_float(rule.points[pieces])  # noqa: B023
-            return boundary_values(mesh, boundary, data, own, points, name)
-
         # 2. Normal derivatives and jumps: to the second cell, or to the Dirichlet data
         points = rule.points + (mesh.origin - state.basis.mesh.origin)
-        jump, slope = _traces(state, first, points, rule.normals)
-        values, slopes = _traces(state, second[inner], points[inner], rule.normals[inner])
-        jump[inner] -= values
+        values, slope = _traces(state, first, points, rule.normals)
+        jump = values.copy()
+        others, slopes = _traces(state, second[inner], points[inner], rule.normals[inner])
+        jump[inner] -= others
         slope[inner] += slopes
-        jump[fixed] -= given(state.problem.dirichlet, fixed, "dirichlet") - state.offset[first[fixed], None]
+        part = _part(rule, fixed)
+        g = boundary_values(mesh, boundary, state.problem.dirichlet, part.faces, part.points, "dirichlet")
+        jump[fixed] -= g - state.offset[first[fixed], None]
         # 3. Weights of derivative and jump: γ/2 and γ inside, κ at the boundary
         mean = kappa[:, 0].copy()
         mean[inner] *= kappa[inner, 1] / kappa[inner].sum(axis=1)
         weight = mean.copy()
         weight[inner] *= 2.0
         flux = weight * sigma[rule.faces, None] * jump - mean * slope
-        flux[free] = -given(state.problem.neumann, free, "neumann")
+        # 4. Natural faces: α u − g
+        part = _part(rule, free)
+        alpha = robin_alpha(mesh, boundary, state.problem, part)
+        u = values[free] + state.offset[first[free], None]
+        flux[free] = alpha * u - natural_values(mesh, boundary, state.problem, part)
         result += np.bincount(rule.faces, (rule.weights * flux).sum(axis=1), mesh.n_faces)
     return result
+
+
+def _part(rule: FaceRule, pieces: Int) -> FaceRule:
+    """Return the rule on some of the pieces."""
+    return FaceRule(
+        frozen_int(rule.faces[pieces]),
+        frozen_float(rule.points[pieces]),
+        frozen_float(rule.weights[pieces]),
+        frozen_float(rule.normals[pieces]),
+    )
 
 
 def _traces(state: _State, cells: Int, points: Float, normals: Float) -> tuple[Float, Float]:
