@@ -40,6 +40,7 @@ from agglo_core.problems import (
     Diffusion as Diffusion,
     Linear as Linear,
     Solution as Solution,
+    evolve as evolve,
     solve as solve,
 )
 from agglo_core.progress import Progress as Progress

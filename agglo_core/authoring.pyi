@@ -85,6 +85,7 @@ from agglo_core.problems import (
     MultigridLevel as MultigridLevel,
     Patches as Patches,
     Problem as Problem,
+    Quadrature as Quadrature,
     Samples as Samples,
     Solution as Solution,
     System as System,

@@ -2,7 +2,8 @@
 
 from agglo_core.problems.choosing import discretisation_of, named_problem, read_problem, require_accepted
 from agglo_core.problems.diffusion import Diffusion
-from agglo_core.problems.discretisation import Discretisation, Field, Problem, Samples
+from agglo_core.problems.discretisation import Discretisation, Field, Problem, Quadrature, Samples
+from agglo_core.problems.evolution import evolve
 from agglo_core.problems.linear import Linear
 from agglo_core.problems.multigrid_level import Coarsening, CoarseSpace, MultigridLevel, Patches
 from agglo_core.problems.solution import Lifting, Solution
@@ -20,10 +21,12 @@ __all__ = [
     "MultigridLevel",
     "Patches",
     "Problem",
+    "Quadrature",
     "Samples",
     "Solution",
     "System",
     "discretisation_of",
+    "evolve",
     "named_problem",
     "read_problem",
     "require_accepted",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 from agglo_core.arrays import Float, Int
 from agglo_core.mesh import Mesh
@@ -90,6 +90,33 @@ class Samples:
         return import_function("agglo_core.draw.on_axes:plot_samples")(self, ax, across=across, cmap=cmap)
 
 
+class Quadrature(NamedTuple):
+    """Quadrature rule on all cells of a mesh, with the basis functions at its points.
+
+    Attributes
+    ----------
+    points : (q, d) float
+    weights : (q,) float
+        They sum to the measure of the mesh.
+    values : (q, n) sparse
+        Basis functions: ``values @ x`` is a function at the points, ``values.T @ (weights * f)`` the load
+        of f.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> polydg = agglo.registry.default().build("discretisation", "polydg", degree=1)
+    >>> mesh = agglo.samples.squares(2)
+    >>> points, weights, values = polydg.quadrature(mesh)
+    >>> bool(np.allclose(values @ polydg.project(mesh, 3.0), 3.0)), round(float(weights.sum()), 12)
+    (True, 1.0)
+    """
+
+    points: Float
+    weights: Float
+    values: Any
+
+
 @runtime_checkable
 class Discretisation(Protocol):
     """Map from problems on a mesh to linear systems, and from unknowns back to functions.
@@ -104,6 +131,7 @@ class Discretisation(Protocol):
     - ``fluxes(problem, mesh, x)``: flux through each face ``(n_faces,)``, outward of its first cell; the
       fluxes out of a cell sum to the integral of its source, if x solves the system;
     - ``mass(mesh)``: mass matrix M ``(n, n)``; xᵀ M y is the integral of the product of two functions;
+    - ``quadrature(mesh)``: a :class:`Quadrature`, for nonlinear terms;
     - ``errors_in(problem, mesh, x, cells)``: norms as ``errors``, restricted to the cells in the mask
       ``cells (n_cells,)`` and to half of their faces to other cells. Over a partition of the mesh, the
       squares add up to those of ``errors``. On several ranks, each rank measures its own cells.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from inspect import signature
 from typing import Any
@@ -77,25 +77,14 @@ def solve(
         0       360     6822
         1       192     3926
     """
-    hierarchy = on if isinstance(on, Hierarchy) else None
-    if hierarchy is None:
-        if not isinstance(on, Mesh):
-            given = shown(on)
-            if hasattr(on, "tocsr"):
-                given = "a sparse matrix: write build_levels(A).solve(b)"
-            elif isinstance(on, Linear):
-                given = "a linear system: without a mesh write build_levels(A).solve(b)"
-            elif isinstance(on, tuple | list | np.ndarray):
-                given = type(on).__name__
-            raise OptionError(f"solve expects a Mesh or a Hierarchy first, given {given}")
-        hierarchy = Hierarchy(on, on.graph, [], [], nested=True)
+    hierarchy = hierarchy_of(on, "solve")
     problem = Diffusion() if problem is None else problem
     if isinstance(problem, type) or not hasattr(problem, "kind"):
         raise OptionError(
             "a problem must be an object such as Diffusion(source=1.0) or Linear(A, b), given "
             f"{shown(problem)}"
         )
-    member = _member(solver, options, registry)
+    member = solver_member(solver, options, registry, solve)
     require_accepted(member.tool, problem, member.title)
     if hierarchy is not on and getattr(member.tool, "needs_levels", True):
         raise OptionError(
@@ -105,9 +94,30 @@ def solve(
         return run_solver(member, problem, hierarchy, listen)
 
 
-def _member(solver: Any, options: Mapping[str, Any], registry: Registry | None) -> Member:
-    """Return a solver built by name, or a given object after a check for its method ``solve``."""
-    keywords = signature(solve).parameters
+def hierarchy_of(on: Any, caller: str) -> Hierarchy:
+    """Return a hierarchy as it is, or a hierarchy without levels for a mesh."""
+    if isinstance(on, Hierarchy):
+        return on
+    if not isinstance(on, Mesh):
+        given = shown(on)
+        if hasattr(on, "tocsr"):
+            given = "a sparse matrix: write build_levels(A).solve(b)"
+        elif isinstance(on, Linear):
+            given = "a linear system: without a mesh write build_levels(A).solve(b)"
+        elif isinstance(on, tuple | list | np.ndarray):
+            given = type(on).__name__
+        raise OptionError(f"{caller} expects a Mesh or a Hierarchy first, given {given}")
+    return Hierarchy(on, on.graph, [], [], nested=True)
+
+
+def solver_member(
+    solver: Any, options: Mapping[str, Any], registry: Registry | None, caller: Callable[..., Any]
+) -> Member:
+    """Return a solver built by name, or a given object after a check for its method ``solve``.
+
+    Error messages also suggest the keywords of the ``caller``.
+    """
+    keywords = signature(caller).parameters
     if is_named(solver):
         name, spec_options = name_and_options("solver", solver)
         source = default() if registry is None else registry

@@ -23,6 +23,8 @@ from agglo_core.solvers.fine_system import FineSystem, discretisation, fine_syst
 from agglo_core.solvers.option_checks import require_count, require_fraction, show_options
 from agglo_core.solvers.stopwatch import Stopwatch
 
+_STORED = ("indptr", "indices", "data")
+
 
 class Direct:
     """Sparse direct solver for linear or PolyDG systems, with iterative refinement.
@@ -89,19 +91,11 @@ class Direct:
         MeshError
             For a mesh with self-overlapping cells.
         """
-        watch = Stopwatch()
-        with watch("assemble"), phase(progress, "assembling"):
-            fine = fine_system(problem, hierarchy, self.discretisation)
-        backend = choose_backend(self.backend)
-        try:
-            with watch("setup"), phase(progress, "factorising", backend):
-                solves = BACKENDS[backend](fine.A)
-            with watch("solve"), phase(progress, "solving"):
-                history = _solve_and_refine(fine, solves, self.tolerance, self.max_refinements)
-        except np.linalg.LinAlgError as failure:
-            history = unsolved(fine.b, str(failure))
-        solution = fine.solution(history, [(fine.A, None)], watch, self.tolerance)
-        return replace(solution, advice=advice_of_direct(fine.A, self._kind(problem, fine), backend))
+        return self.repeated(hierarchy).solve(problem, progress)
+
+    def repeated(self, hierarchy: Hierarchy) -> RepeatedDirect:
+        """Return a solver for a sequence of problems, which reuses the factors while the matrix is equal."""
+        return RepeatedDirect(self, hierarchy)
 
     def _kind(self, problem: Problem, fine: FineSystem) -> Kind:
         """Return the kind of system for the advice: linear, or by the smoother that polydg_mg would use."""
@@ -126,6 +120,81 @@ class Direct:
             fine.A.shape, matvec=solves, rmatvec=solves, matmat=solves, rmatmat=solves, dtype=np.float64
         )
         return fine.preconditioner(inverse)
+
+
+class RepeatedDirect:
+    """Solve a sequence of problems on one mesh, and factorise only matrices that differ from the last.
+
+    Create an instance by :meth:`Direct.repeated`.
+
+    Attributes
+    ----------
+    setups : int
+        Number of factorisations.
+
+    Examples
+    --------
+    >>> from agglo_core.solvers.direct import Direct
+    >>> mesh = agglo.samples.squares(8)
+    >>> steps = Direct().repeated(agglo.agglomerate(mesh, n_parts=4))
+    >>> all(steps.solve(agglo.Diffusion(source=float(k))).converged for k in range(3)), steps.setups
+    (True, 1)
+    """
+
+    def __init__(self, solver: Direct, hierarchy: Hierarchy) -> None:
+        self.setups = 0
+        self._solver, self._hierarchy = solver, hierarchy
+        self._system: FineSystem | None = None
+        self._solves: Solves | None = None
+        self._advice = ""
+
+    def solve(
+        self, problem: Problem, progress: Listener | None = None, *, load: Float | None = None
+    ) -> Solution:
+        """Solve as :meth:`Direct.solve` does, with ``load (n,)`` added to the right-hand side if given."""
+        watch, solver = Stopwatch(), self._solver
+        with watch("assemble"), phase(progress, "assembling"):
+            fine = fine_system(problem, self._hierarchy, solver.discretisation)
+            if self._system is None or not _equal_matrices(self._system.A, fine.A):
+                self._solves = None
+            self._system = fine
+        if self._solves is None:
+            backend = choose_backend(solver.backend)
+            self._advice = advice_of_direct(fine.A, solver._kind(problem, fine), backend)
+        return self._solve(fine if load is None else fine.with_load(load), watch, progress)
+
+    def solve_again(self, load: Float, progress: Listener | None = None) -> Solution:
+        """Solve the last problem of :meth:`solve` with another ``load (n,)`` added, without assembling.
+
+        Raises
+        ------
+        OptionError
+            Without such a problem, or for a linear system.
+        """
+        if self._system is None:
+            raise OptionError("no problem has been solved yet: call solve first")
+        return self._solve(self._system.with_load(load), Stopwatch(), progress)
+
+    def _solve(self, fine: FineSystem, watch: Stopwatch, progress: Listener | None) -> Solution:
+        solver = self._solver
+        try:
+            if self._solves is None:
+                backend = choose_backend(solver.backend)
+                with watch("setup"), phase(progress, "factorising", backend):
+                    self._solves = BACKENDS[backend](fine.A)
+                self.setups += 1
+            with watch("solve"), phase(progress, "solving"):
+                history = _solve_and_refine(fine, self._solves, solver.tolerance, solver.max_refinements)
+        except np.linalg.LinAlgError as failure:
+            history = unsolved(fine.b, str(failure))
+        solution = fine.solution(history, [(fine.A, None)], watch, solver.tolerance)
+        return replace(solution, advice=self._advice)
+
+
+def _equal_matrices(A: Any, B: Any) -> bool:
+    """Return True if two sparse matrices have equal entries at equal places."""
+    same = A.format == B.format and A.shape == B.shape
+    return same and all(np.array_equal(getattr(A, name), getattr(B, name)) for name in _STORED)
 
 
 def _solve_and_refine(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> History:

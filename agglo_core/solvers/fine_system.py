@@ -54,6 +54,25 @@ class FineSystem(NamedTuple):
     meaning: tuple[Any, Mesh, Problem] | None = None
     matrix_factor: float = 1.0
 
+    def with_load(self, load: Float) -> FineSystem:
+        """Return the system of a discretised problem with ``load (n,)`` added to the right-hand side.
+
+        Raises
+        ------
+        OptionError
+            For a load with another shape, values that are not finite, or a linear system.
+        """
+        if self.meaning is None:
+            raise OptionError(
+                "a load can be added only to discretised problems: alter b of the linear system"
+            )
+        load = np.asarray(load, dtype=np.float64)
+        if load.shape != self.b.shape or not np.isfinite(load).all():
+            raise OptionError(f"load must contain {self.b.shape} finite numbers, given shape {load.shape}")
+        added = frozen_float(self.factor * load)
+        b, full = frozen_float(self.b + added), frozen_float(self.full + added)
+        return self._replace(b=b, full=full, measure=self.measure.with_load(added))
+
     def solution(
         self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch, tolerance: float
     ) -> Solution:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
-from agglo_core.arrays import Float
+from agglo_core.arrays import Float, frozen_float
 from agglo_core.problems.residuals.sizes import energy_of_solution, relative_size, two_norm
 
 
@@ -41,6 +41,11 @@ class ResidualMeasure:
     load: Float | None = None
     norm: Callable[[Float], float] | None = None
     rows: Callable[[Float], float] | None = None
+
+    def with_load(self, load: Float) -> ResidualMeasure:
+        """Return the measure for the right-hand side b + load, without further Dirichlet terms."""
+        own = None if self.load is None else frozen_float(self.load + load)
+        return replace(self, b=frozen_float(self.b + load), load=own)
 
     def energy(self, x: Float) -> float:
         """Return the energy norm of ``x (n,)``, the reference for relative energy errors."""

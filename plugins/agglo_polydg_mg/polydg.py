@@ -17,6 +17,7 @@ from agglo_core.authoring import (
     Mesh,
     OptionError,
     Problem,
+    Quadrature,
     Samples,
     System,
     frozen_float,
@@ -33,7 +34,7 @@ from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.solver.choose import choose
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.quadrature import sample
-from agglo_polydg_mg.space.sampling import evaluate, gradient, samples_of
+from agglo_polydg_mg.space.sampling import evaluate, gradient, quadrature, samples_of
 
 
 @dataclass(frozen=True)
@@ -92,26 +93,37 @@ class PolyDG:
         return self.lifted(problem, mesh).system
 
     def lifted(
-        self, problem: Problem, mesh: Mesh, basis: Basis | None = None, units: UnitForms | None = None
+        self,
+        problem: Problem,
+        mesh: Mesh,
+        basis: Basis | None = None,
+        units: UnitForms | None = None,
+        kept: tuple[Any, Float] | None = None,
     ) -> Lifted:
         """Return the system on a mesh, and its load for u − c with a constant c in each cell.
 
         The constants come from the Dirichlet data. If an earlier problem on the mesh left its :meth:`basis`
-        and ``units``, both save the purely geometric work.
+        and ``units``, both save the purely geometric work. If its matrix is equal, matrix and penalty may be
+        ``kept``.
         """
         asked, basis = _diffusion(problem), basis or self.basis(mesh)
         require_consistent(mesh, asked, self.degree)
         found = discretise_lifted(
-            basis.mesh, self.degree, asked, penalty=self.penalty, basis=basis, units=units
+            basis.mesh, self.degree, asked, penalty=self.penalty, basis=basis, units=units, kept=kept
         )
         return found if basis.mesh is mesh else found._replace(system=replace(found.system, mesh=mesh))
 
     def fine_system(
-        self, problem: Problem, mesh: Mesh, basis: Basis | None = None, units: UnitForms | None = None
+        self,
+        problem: Problem,
+        mesh: Mesh,
+        basis: Basis | None = None,
+        units: UnitForms | None = None,
+        kept: tuple[Any, Float] | None = None,
     ) -> solvers.FineSystem:
         """Return the system on a mesh in the form that solvers require.
 
-        ``basis`` and ``units`` may come from an earlier problem.
+        ``basis``, ``units``, and with an equal matrix ``kept``, may come from an earlier problem.
 
         Raises
         ------
@@ -120,12 +132,12 @@ class PolyDG:
         """
         # 1. Discretise
         diffusion, basis = _diffusion(problem), basis or self.basis(mesh)
-        system, load, offset, sigma = self.lifted(diffusion, mesh, basis, units)
+        system, load, offset, sigma = self.lifted(diffusion, mesh, basis, units, kept)
         # 2. Rescale data of extreme size, and discretise again
         factor = solvers.factor_for(float(np.abs(load).max()) or solvers.data_size(mesh, diffusion))
         if factor != 1.0:
             diffusion = solvers.times(diffusion, factor)
-            system, load, offset, sigma = self.lifted(diffusion, mesh, basis, units)
+            system, load, offset, sigma = self.lifted(diffusion, mesh, basis, units, kept)
         if not (_finite(system.b) and _finite(system.A.data)):
             raise OptionError("the matrix or the right-hand side contains values that are not finite")
         return solvers.FineSystem(
@@ -176,6 +188,10 @@ class PolyDG:
     def mass(self, mesh: Mesh) -> Any:
         """Return the mass matrix ``(n, n)``, with one block per cell."""
         return self.basis(mesh).mass()
+
+    def quadrature(self, mesh: Mesh) -> Quadrature:
+        """Return a quadrature rule on all cells, exact up to twice the degree, with the basis there."""
+        return quadrature(self.basis(mesh))
 
     def sample(self, mesh: Mesh, x: Float) -> Samples:
         """Sample the function at points of the triangles or tetrahedra that make up the cells."""

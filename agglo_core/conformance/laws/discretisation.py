@@ -331,6 +331,25 @@ def mass_integrates(subject: Subject, case: Case) -> None:
         )
 
 
+@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_offers("quadrature"))
+def quadrature_fits_values(subject: Subject, case: Case) -> None:
+    """``quadrature`` has weights that sum to the measure, and the values of ``evaluate`` at its points."""
+    tool, mesh = subject.build(), case.given[1]
+    points, weights, values = tool.quadrature(mesh)
+    x = as_array(tool.project(mesh, lambda points: np.cos(points.sum(axis=1))))
+    total, measure = float(np.sum(weights)), float(mesh.cell_measures.sum())
+    require(
+        bool(np.isclose(total, measure, rtol=1e-8)),
+        f"on {case.name}: the weights of quadrature sum to {total:.9g}, but the mesh has measure "
+        f"{measure:.9g}",
+    )
+    at_points, expected = values @ x, as_array(tool.evaluate(mesh, x, points))
+    require(
+        bool(np.allclose(at_points, expected, rtol=1e-6, atol=1e-8)),
+        f"on {case.name}: values @ x of quadrature is {in_words(at_points)}, expected those of evaluate",
+    )
+
+
 @drawn_law(
     "discretisation",
     draw=mesh_cases,

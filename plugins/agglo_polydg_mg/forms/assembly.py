@@ -8,7 +8,7 @@ depend on the ratio; for κ = 1 averages are arithmetic and γ = 1.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -25,6 +25,7 @@ from agglo_core.authoring import (
 )
 from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.forms.boundary import (
+    Boundary,
     boundary_faces,
     data_offset,
     dirichlet_load,
@@ -105,26 +106,20 @@ def discretise_lifted(
     scaled_basis: bool = False,
     basis: Basis | None = None,
     units: UnitForms | None = None,
+    kept: tuple[Any, Float] | None = None,
 ) -> Lifted:
     """Assemble as :func:`discretise` does, and also return the load for u − c, c from :func:`data_offset`.
 
     A ``basis`` from an earlier problem with this mesh and degree keeps the purely geometric data; ``units``
-    keep parts that κ only scales, if κ is constant in each cell.
+    keep parts that κ only scales, if κ is constant in each cell. Matrix and penalty may be ``kept`` from an
+    earlier problem if only data differ.
     """
     # 1. Check the data
     basis = basis or Basis(mesh, degree, scaled_basis)
     boundary = boundary_faces(mesh, problem)
     kappa = positive(mesh, problem.kappa)
-    unit_forms = units if units is not None and units.fit and not callable(kappa) else None
     # 2. Penalty and matrix
-    on_faces = face_coefficients(mesh, kappa, all_faces(mesh), degree + 2)
-    inside = stiffness(basis, kappa) if unit_forms is None else None
-    sigma = jump_penalty(basis, kappa, penalty, boundary.natural, on_faces, inside, unit_forms)
-    reaction = reaction_blocks(basis, problem.reaction)
-    A = _matrix(basis, inside, on_faces, sigma, kappa, unit_forms, reaction)
-    robin = robin_terms(basis, problem, boundary)
-    if robin is not None:
-        robin.add_to(A.data, basis.pattern[2])
+    A, sigma = kept or _matrix_and_penalty(basis, problem, boundary, penalty, kappa, units)
     # 3. Load and Dirichlet data
     loads = load(basis, problem).reshape(mesh.n_cells, -1)
     g = dirichlet_values(basis, problem, boundary)
@@ -142,6 +137,27 @@ def discretise_lifted(
         return Lifted(system, b, frozen_float(np.zeros(basis.n)), sigma)
     shifted_load = functional(g - c[mesh.face_cells[rule_of(basis, boundary.dirichlet).faces, 0], None])
     return Lifted(system, frozen_float((loads + shifted_load).ravel()), basis.constants(c), sigma)
+
+
+def _matrix_and_penalty(
+    basis: Basis,
+    problem: Diffusion,
+    boundary: Boundary,
+    penalty: Penalty,
+    kappa: Field,
+    units: UnitForms | None,
+) -> tuple[Any, Float]:
+    mesh = basis.mesh
+    unit_forms = units if units is not None and units.fit and not callable(kappa) else None
+    on_faces = face_coefficients(mesh, kappa, all_faces(mesh), basis.degree + 2)
+    inside = stiffness(basis, kappa) if unit_forms is None else None
+    sigma = jump_penalty(basis, kappa, penalty, boundary.natural, on_faces, inside, unit_forms)
+    reaction = reaction_blocks(basis, problem.reaction)
+    A = _matrix(basis, inside, on_faces, sigma, kappa, unit_forms, reaction)
+    robin = robin_terms(basis, problem, boundary)
+    if robin is not None:
+        robin.add_to(A.data, basis.pattern[2])
+    return A, sigma
 
 
 def load(basis: Basis, problem: Diffusion) -> Float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, Final
@@ -40,8 +41,9 @@ _LARGEST_SHIFT: Final = 1e-10
 class DiffusionTask:
     """Diffusion problem discretised on a hierarchy's mesh, with its multigrid levels.
 
-    ``units`` and ``numbering`` may come from an earlier problem. A ``plan`` describes existing levels;
-    without it the plan is made on first use. All arrays follow the cell ``numbering``.
+    ``units``, ``numbering``, and with an equal matrix ``kept``, may come from an earlier problem. A ``plan``
+    describes existing levels; without it the plan is made on first use. All arrays follow the cell
+    ``numbering``.
 
     Raises
     ------
@@ -59,6 +61,7 @@ class DiffusionTask:
         units: UnitForms | None = None,
         plan: Plan | None = None,
         numbering: Numbering | None = None,
+        kept: tuple[Any, Float] | None = None,
     ) -> None:
         if hierarchy.fine is None:
             raise OptionError(
@@ -71,12 +74,19 @@ class DiffusionTask:
         self._how, self._mesh, self._problem = how, hierarchy.fine, problem
         try:
             self.basis: Basis = how.basis(self.numbering.mesh) if units is None else units.basis
-            self.fine = how.fine_system(self.problem, solvers.own_mesh(self.hierarchy), self.basis, units)
+            own = solvers.own_mesh(self.hierarchy)
+            self.fine = how.fine_system(self.problem, own, self.basis, units, kept)
         except AggloError:
             if self.numbering.cells is not None:
                 # Raise the error with the user's cell numbers
                 how.fine_system(problem, solvers.own_mesh(hierarchy))
             raise
+
+    def with_load(self, load: Float) -> DiffusionTask:
+        """Return the task with ``load (n,)``, in the user's numbering, added to the right-hand side."""
+        task = copy(self)
+        task.fine = self.fine.with_load(self.numbering.load(load))
+        return task
 
     @property
     def plan(self) -> Plan:

@@ -113,6 +113,14 @@ class Numbering:
             lifting=lifting,
         )
 
+    def load(self, load: Float) -> Float:
+        """Convert a vector ``(n,)`` of the user's numbering to this numbering."""
+        if self.cells is None:
+            return load
+        own = np.empty_like(load)
+        own[self._rows(len(load))] = load
+        return frozen_float(own)
+
     def operator(self, M: LinearOperator) -> LinearOperator:
         """Convert an operator to one on vectors in the user's numbering."""
         if self.cells is None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from agglo_core.authoring import (
     Diffusion,
+    Float,
     Hierarchy,
     History,
     Linear,
@@ -38,14 +40,15 @@ def task_for(
     units: UnitForms | None = None,
     plan: Plan | None = None,
     numbering: Numbering | None = None,
+    kept: tuple[Any, Float] | None = None,
 ) -> Task:
     """Check that a problem fits a hierarchy, and discretise it if it is a diffusion problem.
 
-    ``units`` and ``numbering`` may come from an earlier diffusion problem on the hierarchy. The
-    ``plan`` describes its levels if they are kept.
+    ``units`` and ``numbering`` may come from an earlier diffusion problem on the hierarchy, and ``kept``
+    from one with an equal matrix. The ``plan`` describes its levels if they are kept.
     """
     if isinstance(problem, Diffusion):
-        return DiffusionTask(problem, hierarchy, how, overrides, count, units, plan, numbering)
+        return DiffusionTask(problem, hierarchy, how, overrides, count, units, plan, numbering, kept)
     if isinstance(problem, Linear):
         return solvers.LinearTask(
             problem, hierarchy, count, overrides.recipe, overrides.cycle, overrides.precision

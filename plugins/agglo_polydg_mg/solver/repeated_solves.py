@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -12,6 +13,7 @@ from agglo_core.authoring import (
     Hierarchy,
     History,
     Listener,
+    OptionError,
     Problem,
     Solution,
     frozen_float,
@@ -23,6 +25,7 @@ from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.choose import Overrides, Plan
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
 from agglo_polydg_mg.solver.earlier_solutions import KEPT, best_combination
+from agglo_polydg_mg.solver.equal_matrices import coefficients_of, equal_coefficients
 from agglo_polydg_mg.solver.numbering import Numbering
 from agglo_polydg_mg.solver.phases import Task, build_solution, iterate, set_up, task_for, zero_solution
 
@@ -94,18 +97,47 @@ class RepeatedSolves:
         self._units: UnitForms | None = None
         self._numbering: Numbering | None = None
         self._plan: Plan | None = None
+        self._task: Task | None = None
+        self._coefficients: Mapping[str, Any] = {}
         self._renumbered = False  # numbering of the kept data
 
-    def solve(self, problem: Problem, progress: Listener | None = None) -> Solution:
+    def solve(
+        self, problem: Problem, progress: Listener | None = None, *, load: Float | None = None
+    ) -> Solution:
         """Solve as :meth:`.PolyDGMultigrid.solve` does, but reuse earlier levels and solutions.
 
-        It raises the same exceptions.
+        ``load (n,)`` is added to the right-hand side of a discretised problem. The matrix is reused if only
+        source and boundary values differ from those of the last problem, and coefficients are numbers or
+        cell values. It raises the same exceptions.
         """
-        watch, setups = solvers.Stopwatch(), self.setups
-        # 1. Assemble, with the kept numbering, unit forms and plan
+        watch = solvers.Stopwatch()
         with watch("assemble"), phase(progress, "assembling"):
             plan = self._plan if self._kept else None
-            task = task_for(problem, *self._made_of, self._units, plan, self._numbering)
+            coefficients, kept = coefficients_of(problem), None
+            if isinstance(self._task, DiffusionTask) and equal_coefficients(coefficients, self._coefficients):
+                kept = self._task.fine.A, self._task.fine.sigma
+            task = task_for(problem, *self._made_of, self._units, plan, self._numbering, kept)
+            self._task, self._coefficients = task, coefficients
+        return self._solve(_with_load(task, load), watch, progress)
+
+    def solve_again(self, load: Float, progress: Listener | None = None) -> Solution:
+        """Solve the last problem of :meth:`solve` with another ``load (n,)`` added, without assembling.
+
+        Raises
+        ------
+        OptionError
+            Without such a problem; see also :meth:`solve`.
+        """
+        if self._task is None:
+            raise OptionError("no problem has been solved yet: call solve first")
+        watch = solvers.Stopwatch()
+        with watch("assemble"):
+            task = _with_load(self._task, load)
+        return self._solve(task, watch, progress)
+
+    def _solve(self, task: Task, watch: solvers.Stopwatch, progress: Listener | None) -> Solution:
+        # 1. Keep numbering and unit forms
+        setups = self.setups
         if isinstance(task, DiffusionTask) and self._units is None:
             self._units, self._numbering = UnitForms(task.basis), task.numbering  # filled on first use
         renumbered = isinstance(task, DiffusionTask) and task.numbering.cells is not None
@@ -205,6 +237,14 @@ class RepeatedSolves:
             self._usual = (len(residuals) - 1) * required_digits / digits if digits > 0.0 else None
         elif slowest.iterations > _MORE * self._usual + 1.0:
             self._kept = None
+
+
+def _with_load(task: Task, load: Float | None) -> Task:
+    if load is None:
+        return task
+    if not isinstance(task, DiffusionTask):
+        raise OptionError("a load can be added only to discretised problems: alter b of the linear system")
+    return task.with_load(load)
 
 
 def _all_finished(histories: list[History], most: int) -> bool:

@@ -6,10 +6,21 @@ from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 
-from agglo_core.authoring import Float, Int, Mesh, MeshError, OptionError, Samples, frozen_int
+from agglo_core.authoring import (
+    Float,
+    Int,
+    Mesh,
+    MeshError,
+    OptionError,
+    Quadrature,
+    Samples,
+    frozen_float,
+    frozen_int,
+)
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.quadrature import triangulate
+from agglo_polydg_mg.space.quadrature import inside, triangulate
 from agglo_polydg_mg.space.solid_geometry import boxes_of_solids, tetrahedra_of_solids, triangles_of_faces
 
 _INVERTED = -1e-12  # determinant relative to the cell volume: smaller in magnitude may be rounding
@@ -170,6 +181,18 @@ def evaluate(basis: Basis, x: Float, points: ArrayLike) -> Float:
     values = np.full(len(points), np.nan)
     values[found] = basis.evaluate(x, cells[found], points[found])
     return values
+
+
+def quadrature(basis: Basis) -> Quadrature:
+    """Return a quadrature rule on all cells, exact up to twice the degree, with the basis at its points."""
+    batches = list(inside(basis.mesh, 2 * basis.degree))
+    points, weights = (np.concatenate([batch[k] for batch in batches]) for k in (2, 3))
+    cells = np.concatenate([batch.cells for batch in batches])
+    values = np.concatenate([basis.values(batch.cells, batch.points) for batch in batches])
+    columns = cells[:, None] * basis.n_local + np.arange(basis.n_local)
+    ends = np.arange(len(cells) + 1) * basis.n_local
+    at_points = sparse.csr_array((values.ravel(), columns.ravel(), ends), shape=(len(cells), basis.n))
+    return Quadrature(frozen_float(points + basis.mesh.origin), frozen_float(weights), at_points)
 
 
 def gradient(basis: Basis, x: Float, points: ArrayLike) -> Float:

@@ -112,6 +112,18 @@ class SkewMass(PolyDG):
         return M
 
 
+class HalvesWeights(PolyDG):
+    def quadrature(self, mesh):
+        rule = super().quadrature(mesh)
+        return rule._replace(weights=0.5 * rule.weights)
+
+
+class ShufflesPoints(PolyDG):
+    def quadrature(self, mesh):
+        rule = super().quadrature(mesh)
+        return rule._replace(points=rule.points[::-1])
+
+
 class PointwiseFluxes(PolyDG):
     """Fluxes of one-sided gradients, which are consistent, but not conservative."""
 
@@ -148,5 +160,7 @@ MUTANTS = [
     Mutant("gradient_fits_values", GradientsOutside, "outside the mesh"),
     Mutant("mass_integrates", WeighsUnknowns, "the mass matrix gives cell 0 the measure"),
     Mutant("mass_integrates", SkewMass, "not symmetric"),
+    Mutant("quadrature_fits_values", HalvesWeights, "weights of quadrature sum to"),
+    Mutant("quadrature_fits_values", ShufflesPoints, "expected those of evaluate"),
     Mutant("fluxes_balance_source", PointwiseFluxes, "but its source is"),
 ]
