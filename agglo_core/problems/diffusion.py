@@ -20,8 +20,8 @@ As a TOML table, with numbers by cell tag and boundary tag (no expressions):
     value = 2.0
 
 Default κ and source are 1, default reaction is 0. Without [dirichlet], [neumann] and [robin], u = 0 on the
-whole boundary. With [neumann] alone and no reaction, u is determined only up to a constant, and solvers
-refuse the problem. A first line face tag instead of "boundary".
+whole boundary. With [neumann] alone and no reaction, source and fluxes must balance, and u has mean 0. A
+first line face tag instead of "boundary".
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ class Diffusion:
         Diffusion coefficient (positive) and right-hand side f.
     dirichlet, neumann : mapping of boundary tag value to Field
         Boundary values u and outward fluxes κ ∂u/∂n. Without these and ``robin``, u = 0 on the whole
-        boundary. Otherwise faces with other tags are insulated, and every domain component needs a tag in
-        ``dirichlet``, a positive α or a positive reaction: with fluxes alone, u is determined only up to a
-        constant.
+        boundary. Otherwise faces with other tags are insulated. On a domain component without a tag in
+        ``dirichlet``, a positive α and a positive reaction, u is determined only up to a constant: source
+        and fluxes must then balance, and u has mean 0.
     exact : callable, optional
         Exact solution, if known, for error norms. A solver that discretises the problem refuses it if it
-        differs from the Dirichlet data on the boundary.
+        differs from the Dirichlet data on the boundary. It must have mean 0 where u has.
     boundary : str
         Face tag with the boundary parts. On a mesh without the tag ``"boundary"``, all faces have
         the value 0.

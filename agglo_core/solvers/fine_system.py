@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -41,6 +43,8 @@ class FineSystem(NamedTuple):
     of squares, and 1 for moderate data. The matrix is ``matrix_factor`` times the problem's matrix, hence x
     is factor / matrix_factor times the problem's solution. ``sigma (n_faces,)`` is the jump penalty of
     discretised problems. ``meaning`` holds what interprets unknowns: discretisation, mesh and problem.
+    ``means``, if given, maps x to the vector that is subtracted from it, because the problem determines x
+    only up to constants.
     """
 
     A: Any
@@ -53,6 +57,7 @@ class FineSystem(NamedTuple):
     sigma: Float | None = None
     meaning: tuple[Any, Mesh, Problem] | None = None
     matrix_factor: float = 1.0
+    means: Callable[[Float], Float] | None = None
 
     def with_load(self, load: Float) -> FineSystem:
         """Return the system of a discretised problem with ``load (n,)`` added to the right-hand side.
@@ -78,15 +83,20 @@ class FineSystem(NamedTuple):
     ) -> Solution:
         """Build the solution for the given load from the history of the iteration without lifted data."""
         x = x_rest = self._solution_of_problem(history.x)
-        lifting = None
+        lifting, full, A = None, unscaled(self.full, self.factor), unscaled_matrix(self.A, self.matrix_factor)
         if self.offset is not None:
             offset = self._solution_of_problem(self.offset)
             x, lifting = frozen_float(offset + x_rest), Lifting(offset, x_rest, unscaled(self.b, self.factor))
+        if self.means is not None:
+            means = self.means(x)
+            x, full = frozen_float(x - means), frozen_float(full - A @ means)
+            if lifting is not None:
+                lifting = replace(lifting, offset=frozen_float(lifting.offset - means))
         discretisation, mesh, problem = self.meaning or (None, None, None)
         return Solution(
             x=x,
-            A=unscaled_matrix(self.A, self.matrix_factor),
-            b=unscaled(self.full, self.factor),
+            A=A,
+            b=full,
             operators=[(unscaled_matrix(A, self.matrix_factor), P) for A, P in operators],
             residuals=frozen_float(history.residuals / self.factor),
             converged=history.converged,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -26,6 +26,7 @@ from agglo_core.authoring import (
 from agglo_polydg_mg.forms.assembly import Lifted, discretise_lifted, load
 from agglo_polydg_mg.forms.boundary import boundary_faces, largest_alpha, require_consistent
 from agglo_polydg_mg.forms.coefficients import cell_means, is_zero
+from agglo_polydg_mg.forms.floating import floating_parts, mean_remover
 from agglo_polydg_mg.forms.fluxes import fluxes
 from agglo_polydg_mg.forms.norms import EnergyNorm, errors
 from agglo_polydg_mg.forms.penalty import Penalty, require_penalty
@@ -150,6 +151,20 @@ class PolyDG:
             factor=factor,
             sigma=sigma,
             meaning=(self, mesh, problem),
+            means=self.means(diffusion, mesh, basis),
+        )
+
+    def means(
+        self, problem: Problem, mesh: Mesh, basis: Basis | None = None
+    ) -> Callable[[Float], Float] | None:
+        """Return a map from unknowns to their means, where the solution is unique only up to a constant.
+
+        The result ``(n,)`` of the map is constant on such components and 0 elsewhere; solvers subtract it.
+        None if the solution is unique.
+        """
+        basis = basis or self.basis(mesh)
+        return mean_remover(
+            basis, floating_parts(basis.mesh, boundary_faces(basis.mesh, _diffusion(problem)))
         )
 
     def matrix_kind(self, problem: Problem, fine: solvers.FineSystem) -> str:
@@ -217,9 +232,10 @@ class PolyDG:
         return {"l2": norms.l2 / factor, "dg": norms.dg / factor}
 
     def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:
-        """Return the load ``(n,)`` of source, Neumann and Robin data, b itself without Dirichlet data."""
+        """Return the load ``(n,)`` of source, Neumann and Robin data: b without Dirichlet terms."""
         asked = _diffusion(problem)
-        return load(self.basis(mesh), asked) if asked.dirichlet else b
+        floats = len(boundary_faces(mesh, asked).floating) > 0
+        return load(self.basis(mesh), asked) if asked.dirichlet or floats else b
 
     def residual_measure(
         self, problem: Problem, mesh: Mesh, b: Float, basis: Basis | None = None

@@ -1,4 +1,4 @@
-"""Elliptic problems beyond diffusion with Dirichlet and Neumann data: reaction and Robin data."""
+"""Elliptic problems beyond diffusion with Dirichlet data: reaction, Robin data, Neumann data alone."""
 
 from __future__ import annotations
 
@@ -120,6 +120,7 @@ def test_reaction_in_one_cell_of_each_component_suffices() -> None:
     points = np.concatenate((one.points, other.points + np.array([2.0, 0.0])))
     cells = [each + shift for shift in (0, one.n_points) for each in one.cells]
     mesh = Mesh.from_polygons(points, cells)
+    assert mesh.graph.components().max() == 1
     reaction = np.zeros(18)
     reaction[4] = 1.0
     problem = Diffusion(neumann={0: 0.0}, reaction=reaction)
@@ -379,3 +380,128 @@ def test_robin_tables(tmp_path: Any) -> None:
     path = tmp_path / "p.toml"
     path.write_text("[robin.2]\nalpha = 10\nvalue = -2.5\n")
     assert agglo.problems.read_problem(path, sides(samples.squares(4))).robin == {2: (10.0, -2.5)}
+
+
+# --- Neumann data alone
+
+
+def drop(x: Array) -> Array:
+    """A function with mean 0 on the unit square or cube."""
+    return np.asarray(np.cos(np.pi * x[:, 0]) * np.cos(2.0 * np.pi * x[:, 1]) + x[:, 0] - 0.5)
+
+
+def around(x: Array) -> Array:
+    """The outward derivative of ``drop`` on the unit square."""
+    return np.asarray(np.where(np.isclose(x[:, 0], 1.0), 1.0, np.where(np.isclose(x[:, 0], 0.0), -1.0, 0.0)))
+
+
+NEUMANN = Diffusion(
+    source=lambda x: 5.0 * np.pi**2 * (drop(x) - x[:, 0] + 0.5), neumann={0: around}, exact=drop
+)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_orders_with_neumann_data_alone(degree: int) -> None:
+    found = []
+    for n in (100, 1600):
+        mesh = samples.voronoi(n, seed=0)
+        solution = agglo.solve(mesh, NEUMANN, degree=degree, tolerance=1e-10)
+        assert solution.converged
+        found.append(solution.errors())
+    assert np.log2(found[0]["l2"] / found[1]["l2"]) / 2 > degree + 0.75
+    assert np.log2(found[0]["dg"] / found[1]["dg"]) / 2 > degree - 0.25
+
+
+@pytest.mark.parametrize("solver", ["direct", "polydg_mg", "polydg_mg_paper", "polydg_cg", "multigrid"])
+def test_the_solution_of_neumann_data_alone_has_mean_zero(solver: str) -> None:
+    mesh = samples.voronoi(100, seed=5)
+    kappa = np.where(mesh.cell_centroids[:, 0] < 0.3, 100.0, 1.0)
+    problem = Diffusion(kappa, lambda x: 3.0 * (x[:, 1] - 0.5), neumann={0: 0.0})
+    solution = agglo.solve(agglomerate(mesh, n_parts=(20, 5)), problem, solver=solver, tolerance=1e-9)
+    basis = solution.discretisation.basis(mesh)
+    assert solution.converged
+    assert abs(basis.project(1.0) @ basis.mass() @ solution.x) < 1e-8
+    r = solution.b - solution.A @ solution.x
+    assert np.linalg.norm(r) <= 1e-7 * np.linalg.norm(solution.b)
+    reference = agglo.solve(mesh, problem, solver="direct", tolerance=1e-10)
+    if (basis.scaled, solver) == (False, "polydg_mg_paper"):
+        assert solution.x == pytest.approx(reference.x, abs=1e-6)
+
+
+@pytest.mark.parametrize("recipe", ["conforming", "patches"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_neumann_data_alone_take_few_more_iterations(recipe: str, degree: int) -> None:
+    mesh = samples.voronoi(300, seed=0)
+    levels = agglomerate(mesh, n_parts=(60, 10))
+    load = lambda x: x[:, 0] - 0.5  # noqa: E731
+    free, held = (
+        agglo.solve(levels, Diffusion(source=load, **data), degree=degree, recipe=recipe, tolerance=1e-8)
+        for data in ({"neumann": {0: 0.0}}, {"dirichlet": {0: 0.0}})
+    )
+    assert free.converged
+    assert free.iterations <= held.iterations + 4
+
+
+def test_neumann_data_alone_on_polyhedra() -> None:
+    mesh = samples.random_tetrahedra(400, seed=1)
+    problem = Diffusion(source=0.0, neumann={0: around}, exact=lambda x: x[:, 0] - 0.5)
+    for solver in ("direct", "polydg_mg"):
+        solution = agglo.solve(mesh, problem, solver=solver, tolerance=1e-11, degree=1)
+        assert solution.errors()["l2"] < 1e-8
+
+
+def test_each_component_has_its_own_constant() -> None:
+    one = samples.squares(3)
+    points = np.concatenate((one.points, one.points + np.array([2.0, 0.0])))
+    mesh = Mesh.from_polygons(points, [each + shift for shift in (0, one.n_points) for each in one.cells])
+    mesh = replace(mesh, face_tags={"boundary": (mesh.face_centroids[:, 0] > 1.5).astype(int)})
+
+    def exact(x: Array) -> Array:
+        return np.asarray(np.where(x[:, 0] < 1.5, x[:, 0] - 0.5, 7.0))
+
+    def right(x: Array) -> Array:
+        return np.where(np.isclose(x[:, 0], 1.0), 1.0, np.where(np.isclose(x[:, 0], 0.0), -1.0, 0.0))
+
+    both: Any = {"dirichlet": {1: 7.0}, "exact": exact}
+    neumann = Diffusion(source=0.0, neumann={0: right}, **both)
+    robin = Diffusion(source=0.0, robin={0: (1.0, lambda x: exact(x) + right(x))}, **both)
+    for problem in (neumann, robin):
+        for solver in ("direct", "polydg_mg"):
+            solution = agglo.solve(mesh, problem, solver=solver, tolerance=1e-11)
+            assert solution.converged
+            assert solution.errors()["l2"] < 1e-9
+
+
+def test_quadrature_errors_are_corrected_and_more_is_refused() -> None:
+    mesh = samples.squares(4)
+    exact = Diffusion(source=lambda x: np.cos(np.pi * x[:, 0]), neumann={0: 0.0})
+    off = Diffusion(source=lambda x: np.cos(np.pi * x[:, 0]) + 1e-6, neumann={0: 0.0})
+    one, other = (agglo.solve(mesh, each, solver="direct", tolerance=1e-10) for each in (exact, off))
+    assert other.x == pytest.approx(one.x, abs=1e-9)
+    assert one.converged
+    for problem, number in (
+        (Diffusion(neumann={0: 0.0}), "they integrate to 1, their magnitudes to 1"),
+        (Diffusion(source=-3.0, neumann={0: 0.5}), "they integrate to -1, their magnitudes to 5"),
+        (Diffusion(source=lambda x: x[:, 0] - 0.4, neumann={0: 0.0}), "they integrate to 0.1, "),
+    ):
+        with pytest.raises(OptionError, match=number):
+            PolyDG().assemble(problem, mesh)
+
+
+def test_one_cell_without_dirichlet_data() -> None:
+    mesh = samples.squares(1)
+    solution = agglo.solve(mesh, Diffusion(source=0.0, neumann={0: around}), solver="direct", tolerance=1e-9)
+    assert solution.x == pytest.approx(
+        solution.discretisation.project(mesh, lambda x: x[:, 0] - 0.5), abs=1e-9
+    )
+
+
+def test_the_energy_is_the_work_of_the_loads() -> None:
+    """∫ f u, which is the energy of u."""
+    mesh = samples.voronoi(60, seed=2)
+    for shift in (0.0, 100.0):
+        moved = replace(mesh, points=mesh.points + shift)
+        problem = Diffusion(source=lambda x: x[:, 0] - x[:, 1], neumann={0: 0.0})
+        solution = agglo.solve(moved, problem, solver="direct", tolerance=1e-10)
+        load = solution.discretisation.load(problem, moved, solution.b)
+        assert load @ solution.x == pytest.approx(1 / 60, rel=0.1)

@@ -224,7 +224,7 @@ BAD_PROBLEMS: dict[str, tuple[Callable[[int], object], str]] = {
     "infinite kappa": (lambda n: Diffusion(kappa=np.inf), "kappa is inf"),
     "infinite source": (lambda n: Diffusion(source=np.full(n, np.inf)), "source is inf"),
     "nan on the boundary": (lambda n: Diffusion(dirichlet={0: np.nan}), "dirichlet of tag 0 is nan"),
-    "pure Neumann": (lambda n: Diffusion(neumann={0: 0.0}), "only up to a constant"),
+    "pure Neumann": (lambda n: Diffusion(neumann={0: 0.0}), "must balance; they integrate to 1"),
     "neither": (lambda n: "sine", "a Diffusion or a Linear, given str"),
 }
 

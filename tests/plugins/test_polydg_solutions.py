@@ -308,8 +308,8 @@ def test_faces_without_data_are_insulated() -> None:
 
 
 @pytest.mark.parametrize("neumann", [{3: 0.0}, {1: 1.0, 2: -1.0}])
-def test_fluxes_alone_hold_nothing(neumann: dict[int, float]) -> None:
-    with pytest.raises(OptionError, match=r"only up to a constant there; give a Dirichlet value"):
+def test_fluxes_alone_must_balance_the_source(neumann: dict[int, float]) -> None:
+    with pytest.raises(OptionError, match=r"only up to a constant there, and source and fluxes must balance"):
         discretise(tagged(samples.squares(4)), 2, Diffusion(neumann=neumann))
 
 

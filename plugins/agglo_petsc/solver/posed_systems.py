@@ -45,6 +45,8 @@ class PosedSystem:
     labels : list of (n_cells,) int
     near_null : (n, k) float, optional
     mesh : Mesh, optional
+    means : callable, optional
+        Maps x to the constants that are subtracted from it, where the problem determines x only up to them.
     """
 
     A: Any
@@ -55,6 +57,7 @@ class PosedSystem:
     labels: list[Int]
     near_null: Float | None
     mesh: Mesh | None
+    means: Callable[[Float], Float] | None = None
 
 
 def pose_system(
@@ -107,6 +110,7 @@ def _pose_diffusion(
         labels,
         frozen_float(np.stack(columns, axis=1)),
         mesh,
+        means=getattr(discretisation, "means", lambda *_: None)(problem, mesh),
     )
 
 
@@ -142,10 +146,14 @@ def solution_of(
     OptionError
         If it exceeds the floating-point range.
     """
+    x, b = solvers.unscaled(history.x, system.factor), system.b / system.factor
+    if system.means is not None:
+        means = system.means(x)
+        x, b = frozen_float(x - means), b - system.A @ means
     return Solution(
-        x=solvers.unscaled(history.x, system.factor),
+        x=x,
         A=system.A,
-        b=frozen_float(system.b / system.factor),
+        b=frozen_float(b),
         operators=operators,
         residuals=frozen_float(history.residuals / system.factor),
         converged=history.converged,

@@ -36,6 +36,7 @@ from agglo_polydg_mg.forms.boundary import (
 )
 from agglo_polydg_mg.forms.coefficients import positive, reaction_blocks
 from agglo_polydg_mg.forms.face_quadrature import all_faces, face_coefficients
+from agglo_polydg_mg.forms.floating import balanced, floating_parts, hold
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty, face_penalty
 from agglo_polydg_mg.forms.sharp_penalty import sharp_penalty
 from agglo_polydg_mg.forms.side_sums import add_sides
@@ -71,8 +72,14 @@ def discretise(
         For degenerate cells; in 3-D, with a constant C, for nonconvex cells.
     OptionError
         For a degree outside 1..6, nonpositive κ, a negative reaction, data with nonfinite values or the
-        wrong shape, tags missing on the boundary, or a domain component without Dirichlet faces,
-        reaction and positive α (where the solution is unique only up to a constant).
+        wrong shape, tags missing on the boundary, or a domain component without Dirichlet faces, reaction
+        and positive α on which source and fluxes do not balance.
+
+    Notes
+    -----
+    On such a component u is unique only up to a constant. A number added to one diagonal entry keeps the
+    matrix positive definite. The solution of the system is a solution of the problem; its mean there is
+    not 0 (:meth:`~agglo_polydg_mg.polydg.PolyDG.means`).
     """
     return discretise_lifted(mesh, degree, problem, penalty=penalty, scaled_basis=scaled_basis).system
 
@@ -121,7 +128,10 @@ def discretise_lifted(
     # 2. Penalty and matrix
     A, sigma = kept or _matrix_and_penalty(basis, problem, boundary, penalty, kappa, units)
     # 3. Load and Dirichlet data
+    parts = floating_parts(mesh, boundary)
+    hold(basis, kappa, parts, A.data, basis.pattern[2])
     loads = load(basis, problem).reshape(mesh.n_cells, -1)
+    loads = balanced(basis, problem, boundary, parts, loads)
     g = dirichlet_values(basis, problem, boundary)
     offsets = frozen_int(np.arange(mesh.n_cells + 1) * basis.n_local)
     if not g.any():

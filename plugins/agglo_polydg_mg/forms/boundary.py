@@ -19,11 +19,22 @@ _ROUNDING = 1e-6
 
 
 class Boundary(NamedTuple):
-    """Face tags ``(n_faces,)``, Dirichlet faces, and natural (Neumann or Robin) boundary faces."""
+    """Parts of the domain boundary.
+
+    Attributes
+    ----------
+    tags : (n_faces,) int
+        Face tags.
+    dirichlet, natural : (k,) int
+        Faces with Dirichlet data, and other (Neumann or Robin) faces.
+    floating : (k,) int
+        Components where the data determine the solution only up to a constant, by their first cells.
+    """
 
     tags: Int
     dirichlet: Int
     natural: Int
+    floating: Int
 
 
 def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
@@ -34,8 +45,8 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     Raises
     ------
     OptionError
-        For an unknown face tag, a value in two kinds of data or on no face, or a component without
-        Dirichlet faces, positive α and positive reaction.
+        For an unknown face tag, or a value in two kinds of data or on no face; on a piece of a distributed
+        mesh, for a floating component.
     """
     # 1. Check the tags
     tags = _tags(mesh, problem.boundary)
@@ -56,13 +67,24 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     data = problem.dirichlet or problem.neumann or problem.robin
     dirichlet = outer & np.isin(tags, list(problem.dirichlet)) if data else outer
     natural = outer & ~dirichlet
-    if data:
-        held = np.isin(on_boundary, list(problem.dirichlet))
-        free = np.setdiff1d(kinds.component, kinds.component[held])
-        found = Boundary(tags, frozen_int(np.flatnonzero(dirichlet)), frozen_int(np.flatnonzero(natural)))
-        _require_unique(mesh, free, problem, found)
+    sets = frozen_int(np.flatnonzero(dirichlet)), frozen_int(np.flatnonzero(natural))
+    found = Boundary(tags, *sets, frozen_int([]))
+    if not data:
         return found
-    return Boundary(tags, frozen_int(np.flatnonzero(dirichlet)), frozen_int(np.flatnonzero(natural)))
+    # 3. Components without Dirichlet faces
+    held = np.isin(on_boundary, list(problem.dirichlet))
+    free = np.setdiff1d(kinds.component, kinds.component[held])
+    if not len(free):
+        return found
+    free = free[~_are_held(mesh, frozen_int(free), problem, found)]
+    if len(free) and not kinds.whole:
+        raise OptionError(
+            f"the component of cell {free[0]} has no boundary face with Dirichlet data, no reaction and no "
+            "Robin data with positive alpha, so the solution is determined only up to a constant there; on a "
+            "distributed mesh, give a Dirichlet value for one of its boundary tags (if only other tags have "
+            "data, its faces are insulated)"
+        )
+    return found._replace(floating=frozen_int(free))
 
 
 def _tags(mesh: Mesh, name: str) -> Int:
@@ -73,22 +95,6 @@ def _tags(mesh: Mesh, name: str) -> Int:
         known = ", ".join(mesh.face_tags) or "none"
         raise OptionError(f"the mesh has no face tag {name!r} for the boundary; it has: {known}")
     return frozen_int(np.zeros(mesh.n_faces))
-
-
-def _require_unique(mesh: Mesh, free: Int, problem: Diffusion, boundary: Boundary) -> None:
-    """Raise OptionError if a component without Dirichlet faces has neither reaction nor a positive α.
-
-    ``free`` components are given by their first cells.
-    """
-    if len(free):
-        free = frozen_int(free[~_are_held(mesh, free, problem, boundary)])
-    if len(free):
-        raise OptionError(
-            f"the component of cell {free[0]} has no boundary face with Dirichlet data, no reaction and no "
-            "Robin data with positive alpha, so the solution is determined only up to a constant there; give "
-            "a Dirichlet value for one of its boundary tags (if only other tags have data, its faces are "
-            "insulated)"
-        )
 
 
 def _are_held(mesh: Mesh, components: Int, problem: Diffusion, boundary: Boundary) -> Mask:
@@ -175,7 +181,7 @@ def rule_of(basis: Basis, faces: Int) -> FaceRule:
 def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Float) -> Float:
     """Return a constant to subtract from Dirichlet data and solution in each cell ``(n_cells,)``.
 
-    In each domain component it is the number nearest to 0 between the minimum and maximum of the data: 0 if
+    In each domain component with data it is the number nearest to 0 between their minimum and maximum: 0 if
     they change sign. Only faces with κ at least a hundredth of the largest count: they determine the
     rounding. A constant added to the data is added to the solution, for any κ, and alters nothing else.
     With a reaction that is not so, and the constant is 0.
@@ -196,7 +202,7 @@ def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Flo
     counts = of_kappa >= 0.01 * largest[of_face]
     np.minimum.at(least, of_face[counts], g[counts].min(axis=1))
     np.maximum.at(most, of_face[counts], g[counts].max(axis=1))
-    return np.asarray(np.clip(0.0, least, most)[component])
+    return np.asarray(np.where(least <= most, np.clip(0.0, least, most), 0.0)[component])
 
 
 def dirichlet_load(basis: Basis, boundary: Boundary, kappa: Float, sigma: Float) -> Callable[[Float], Float]:
@@ -228,6 +234,13 @@ def natural_values(mesh: Mesh, boundary: Boundary, problem: Diffusion, rule: Fac
     """Evaluate Neumann data and g of Robin data ``(t, q)`` at the points of a rule on natural faces."""
     g = boundary_values(mesh, boundary, problem.neumann, rule.faces, rule.points, "neumann")
     return g + boundary_values(mesh, boundary, _second(problem.robin), rule.faces, rule.points, "robin")
+
+
+def natural_sizes(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
+    """Return the integral of |g| over the Neumann and Robin faces of each cell ``(n_cells,)``."""
+    mesh, rule = basis.mesh, rule_of(basis, boundary.natural)
+    sizes = np.abs(rule.weights * natural_values(mesh, boundary, problem, rule)).sum(axis=1)
+    return np.bincount(mesh.face_cells[rule.faces, 0], sizes, mesh.n_cells)
 
 
 def robin_alpha(mesh: Mesh, boundary: Boundary, problem: Diffusion, rule: FaceRule) -> Float:
