@@ -65,12 +65,15 @@ class FineSystem(NamedTuple):
         Raises
         ------
         OptionError
-            For a load with another shape, values that are not finite, or a linear system.
+            For a load with another shape, values that are not finite, a linear system, or a problem whose
+            solution is unique only up to a constant.
         """
         if self.meaning is None:
             raise OptionError(
                 "a load can be added only to discretised problems: alter b of the linear system"
             )
+        if self.means is not None:
+            raise OptionError("no load can be added where the solution is unique only up to a constant")
         load = np.asarray(load, dtype=np.float64)
         if load.shape != self.b.shape or not np.isfinite(load).all():
             raise OptionError(f"load must contain {self.b.shape} finite numbers, given shape {load.shape}")

@@ -219,5 +219,7 @@ def test_loads_without_a_discretised_problem_are_refused() -> None:
             steps.solve_again(np.ones(4))
         with pytest.raises(OptionError, match="only to discretised problems"):
             steps.solve(linear, load=np.ones(4))
+        with pytest.raises(OptionError, match="unique only up to a constant"):
+            steps.solve(Diffusion(source=0.0, neumann={0: 0.0}), load=np.ones(12))
         with pytest.raises(OptionError, match="load must contain"):
             steps.solve(Diffusion(), load=np.ones(5))

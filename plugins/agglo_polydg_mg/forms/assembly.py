@@ -129,7 +129,6 @@ def discretise_lifted(
     A, sigma = kept or _matrix_and_penalty(basis, problem, boundary, penalty, kappa, units)
     # 3. Load and Dirichlet data
     parts = floating_parts(mesh, boundary)
-    hold(basis, kappa, parts, A.data, basis.pattern[2])
     loads = load(basis, problem).reshape(mesh.n_cells, -1)
     loads = balanced(basis, problem, boundary, parts, loads)
     g = dirichlet_values(basis, problem, boundary)
@@ -167,6 +166,7 @@ def _matrix_and_penalty(
     robin = robin_terms(basis, problem, boundary)
     if robin is not None:
         robin.add_to(A.data, basis.pattern[2])
+    hold(basis, kappa, floating_parts(mesh, boundary), A.data, basis.pattern[2])
     return A, sigma
 
 
