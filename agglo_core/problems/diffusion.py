@@ -7,7 +7,7 @@ As a TOML table, with numbers by cell tag and boundary tag (no expressions):
     source = 1.0                              # a number for all cells,
     [kappa.material]                          # or one for each value of a cell tag
     1 = 1.0
-    2 = 1e6
+    2 = [[2.0, 0.5], [0.5, 1.0]]              # or a symmetric positive definite matrix
     [reaction.material]                       # c >= 0
     1 = 0.0
     2 = 5.0
@@ -39,7 +39,14 @@ from agglo_core.arrays import Float, exact_cast, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.problems.discretisation import Field
-from agglo_core.problems.table import boundary_values, cell_values, face_tag, require_keys, robin_values
+from agglo_core.problems.table import (
+    boundary_values,
+    cell_values,
+    face_tag,
+    require_keys,
+    robin_values,
+    tensor_values,
+)
 
 _KEYS = ("boundary", "kappa", "reaction", "source", "dirichlet", "neumann", "robin")
 _BOUNDARY = "boundary"
@@ -53,8 +60,11 @@ class Diffusion:
 
     Attributes
     ----------
-    kappa, source : Field
-        Diffusion coefficient (positive) and right-hand side f.
+    kappa : Field, (d, d) or (n_cells, d, d) float, or callable
+        Diffusion coefficient: positive, or a symmetric positive definite tensor. A callable returns values
+        ``(q,)``, or ``(q, d, d)`` for a tensor.
+    source : Field
+        Right-hand side f.
     dirichlet, neumann : mapping of boundary tag value to Field
         Boundary values u and outward fluxes κ ∂u/∂n. Without these and ``robin``, u = 0 on the whole
         boundary. Otherwise faces with other tags are insulated. On a domain component without a tag in
@@ -94,7 +104,7 @@ class Diffusion:
 
     kind: ClassVar[str] = "diffusion"
 
-    kappa: Field = 1.0
+    kappa: Any = 1.0
     source: Field = 1.0
     dirichlet: Mapping[int, Field] = field(default_factory=dict)
     neumann: Mapping[int, Field] = field(default_factory=dict)
@@ -155,9 +165,11 @@ class Diffusion:
             both = sorted(set(kinds[one]) & set(kinds[other]))
             if both:
                 raise OptionError(f"boundary tag {both[0]} is in both {one} and {other}")
-        kappa = cell_values("kappa", table.get("kappa", 1.0), mesh)
-        if np.min(kappa) <= 0.0:
-            raise OptionError(f"kappa must be positive, given {np.min(kappa):g}")
+        kappa = tensor_values("kappa", table.get("kappa", 1.0), mesh)
+        least = np.min(kappa if np.ndim(kappa) < 2 else np.linalg.eigvalsh(kappa))
+        if least <= 0.0:
+            tensors = "" if np.ndim(kappa) < 2 else " definite: its least eigenvalue is"
+            raise OptionError(f"kappa must be positive{tensors or ', given'} {least:g}")
         reaction = cell_values("reaction", table.get("reaction", 0.0), mesh)
         if np.min(reaction) < 0.0:
             raise OptionError(f"reaction must not be negative, given {np.min(reaction):g}")

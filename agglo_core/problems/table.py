@@ -39,6 +39,53 @@ def face_tag(key: str, name: Any, mesh: Mesh, always: str) -> str:
     return str(name)
 
 
+def tensor_values(key: str, given: Any, mesh: Mesh) -> float | Float:
+    """Return what :func:`cell_values` returns, or tensors if some values are matrices.
+
+    A single matrix is returned as ``(d, d)``, a table as ``(n_cells, d, d)``. Numbers in a table with
+    matrices are multiples of the identity.
+
+    Raises
+    ------
+    OptionError
+        As :func:`cell_values`, or for a matrix of another shape or a matrix that is not symmetric.
+    """
+    if isinstance(given, list):
+        return frozen_float(_matrix(key, given, mesh.dim))
+    if not isinstance(given, Mapping):
+        return number(key, given)
+    tables = {tag: values for tag, values in given.items() if isinstance(values, Mapping)}
+    matrices: list[Float] = []
+
+    def numbered(name: str, value: Any) -> Any:
+        """Replace a matrix by its position in the list of matrices."""
+        if isinstance(value, list):
+            matrices.append(_matrix(f"{key}.{name}", value, mesh.dim))
+        else:
+            matrices.append(number(f"{key}.{name}", value) * np.eye(mesh.dim))
+        return len(matrices) - 1
+
+    if not any(isinstance(value, list) for values in tables.values() for value in values.values()):
+        return cell_values(key, given, mesh)
+    positions = {
+        tag: {name: numbered(f"{tag}.{name}", value) for name, value in values.items()}
+        for tag, values in tables.items()
+    }
+    cells = np.asarray(cell_values(key, positions, mesh), np.int64)
+    return frozen_float(np.array(matrices)[cells])
+
+
+def _matrix(key: str, given: Any, dim: int) -> Float:
+    """Return a symmetric matrix ``(dim, dim)`` from nested lists."""
+    rows = [row if isinstance(row, list) else [row] for row in given]
+    if [len(row) for row in rows] != [dim] * dim:
+        raise OptionError(f"{key} must be a number or {dim} rows of {dim} numbers, given {given!r:.60}")
+    values = np.array([[number(key, value) for value in row] for row in rows])
+    if not np.array_equal(values, values.T):
+        raise OptionError(f"{key} must be symmetric, given {given!r:.60}")
+    return values
+
+
 def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
     """Return a number, or values per cell ``(n_cells,)`` from a table of numbers for each tag value.
 

@@ -23,7 +23,7 @@ from agglo_core.authoring import (
     frozen_float,
     solvers,
 )
-from agglo_polydg_mg.forms.assembly import Lifted, discretise_lifted, load
+from agglo_polydg_mg.forms.assembly import Lifted, discretise_lifted, effective_penalty, load
 from agglo_polydg_mg.forms.boundary import boundary_faces, largest_alpha, require_consistent
 from agglo_polydg_mg.forms.coefficients import cell_means, is_zero
 from agglo_polydg_mg.forms.floating import floating_parts, mean_remover
@@ -36,6 +36,7 @@ from agglo_polydg_mg.solver.choose import choose
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.quadrature import sample
 from agglo_polydg_mg.space.sampling import evaluate, gradient, quadrature, samples_of
+from agglo_polydg_mg.space.tensors import is_tensor, tensor
 
 
 @dataclass(frozen=True)
@@ -149,7 +150,7 @@ class PolyDG:
             full=system.b,
             offset=offset if offset.any() else None,
             factor=factor,
-            sigma=sigma,
+            sigma=effective_penalty(basis, diffusion, sigma),
             meaning=(self, mesh, problem),
             means=self.means(diffusion, mesh, basis),
         )
@@ -293,13 +294,18 @@ def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
     )
 
 
-def _average_coefficient(field: Field, mesh: Mesh, labels: Int, name: str) -> Field:
+def _average_coefficient(field: Any, mesh: Mesh, labels: Int, name: str) -> Any:
     """Average the coefficient over each agglomerate's cells.
 
     A callable is evaluated at cell centroids.
     """
-    if not callable(field) and np.ndim(field) == 0:
+    if not callable(field) and np.ndim(field) in (0, 2):
         return field
+    if is_tensor(field, mesh):
+        entries = tensor(mesh, field).at(mesh.cell_centroids, slice(None)) * mesh.cell_measures[:, None, None]
+        sums = np.zeros((int(labels.max()) + 1, mesh.dim, mesh.dim))
+        np.add.at(sums, labels, entries)
+        return frozen_float(sums / np.bincount(labels, mesh.cell_measures)[:, None, None])
     cells = sample(field, mesh.cell_centroids, name) if callable(field) else np.asarray(field, float)
     weighted = np.bincount(labels, mesh.cell_measures * cells)
     return frozen_float(weighted / np.bincount(labels, mesh.cell_measures))

@@ -505,3 +505,239 @@ def test_the_energy_is_the_work_of_the_loads() -> None:
         solution = agglo.solve(moved, problem, solver="direct", tolerance=1e-10)
         load = solution.discretisation.load(problem, moved, solution.b)
         assert load @ solution.x == pytest.approx(1 / 60, rel=0.1)
+
+
+# --- Tensors
+
+
+def rotated(angle: Any, ratio: float, dim: int = 2) -> Array:
+    """Tensors with the eigenvalues 1 and ``ratio``, the first along an angle in the x–y plane."""
+    c, s = np.cos(angle), np.sin(angle)
+    first = np.stack((c, s, *([0.0 * c] * (dim - 2))), axis=-1)
+    return np.asarray(ratio * np.eye(dim) + (1.0 - ratio) * first[..., :, None] * first[..., None, :])
+
+
+def full(dim: int) -> Array:
+    found = np.array([[2.0, 0.7, -0.3], [0.7, 1.0, 0.2], [-0.3, 0.2, 3.0]])
+    return found[:dim, :dim]
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("penalty", ["sharp", 10.0])
+def test_multiples_of_the_identity_are_scalars(name: str, degree: int, penalty: Any) -> None:
+    mesh = MESHES[name]()
+    if mesh.dim == 3 and penalty == 10.0:
+        degree = 1
+    how, identity = PolyDG(degree, penalty), np.eye(mesh.dim)
+    cells = 10.0 ** np.random.default_rng(0).uniform(-2, 2, mesh.n_cells)
+
+    def kappa(x: Array) -> Array:
+        return np.asarray(2.0 + np.sin(5.0 * x[:, 0]))
+
+    pairs = (
+        (3.0, 3.0 * identity),
+        (cells, cells[:, None, None] * identity),
+        (kappa, lambda x: kappa(x)[:, None, None] * identity),
+    )
+    for scalar, tensor in pairs:
+        data: Any = {"dirichlet": {0: lambda x: x[:, 0]}}
+        one, other = (how.lifted(Diffusion(k, **data), mesh) for k in (scalar, tensor))
+        assert other.sigma == pytest.approx(one.sigma, rel=1e-9)
+        assert abs(other.system.A - one.system.A).max() <= 1e-9 * abs(one.system.A).max()
+        assert other.system.b == pytest.approx(one.system.b, abs=1e-9 * abs(one.system.b).max())
+        x = np.random.default_rng(1).standard_normal(len(one.load))
+        measures = [how.residual_measure(Diffusion(k, **data), mesh, one.load) for k in (scalar, tensor)]
+        assert measures[0].energy(x) == pytest.approx(measures[1].energy(x), rel=1e-9)
+        labels = np.arange(mesh.n_cells) // 7
+        if mesh.dim == 2 and not callable(scalar):
+            coarse = [how.coarse_operator(Diffusion(k, **data), mesh, labels) for k in (scalar, tensor)]
+            assert abs(coarse[0] - coarse[1]).max() <= 1e-9 * abs(coarse[0]).max()
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("degree", [1, 2])
+def test_linear_solutions_are_met_with_a_tensor(name: str, degree: int) -> None:
+    mesh = MESHES[name]()
+    K = full(mesh.dim)
+    cells = np.broadcast_to(K, (mesh.n_cells, *K.shape))
+    for kappa in (K, cells, lambda x: np.broadcast_to(K, (len(x), *K.shape))):
+        problem = Diffusion(kappa, 0.0, {0: linear}, exact=linear)
+        assert errors_of(PolyDG(degree), problem, mesh).l2 < 1e-10
+
+
+def fluxes(x: Array) -> Array:
+    """n·K∇u for ``linear`` on the sides of a square."""
+    q = full(2) @ np.array([2.0, -3.0])
+    low, high = x.min(axis=0), x.max(axis=0)
+    total = np.zeros(len(x))
+    for axis in (0, 1):
+        total += np.where(np.isclose(x[:, axis], high[axis]), q[axis], 0.0)
+        total -= np.where(np.isclose(x[:, axis], low[axis]), q[axis], 0.0)
+    return total
+
+
+def test_natural_data_are_fluxes_of_the_tensor() -> None:
+    mesh = sides(samples.voronoi(40, seed=1))
+    problem = Diffusion(
+        full(2),
+        0.0,
+        {1: linear},
+        {0: lambda x: np.where(x[:, 1] > 0.5, 1.0, -1.0) * (full(2) @ [2.0, -3.0])[1]},
+        linear,
+        robin={2: (2.0, lambda x: 2.0 * linear(x) + (full(2) @ [2.0, -3.0])[0])},
+    )
+    assert errors_of(PolyDG(2), problem, mesh).l2 < 1e-10
+
+
+def varying(x: Array) -> Array:
+    """A full tensor that varies."""
+    a, b, c = 2.0 + x[:, 0], 0.5 + 0.3 * x[:, 1], 1.0 + x[:, 1] ** 2
+    return np.stack((np.stack((a, b), axis=-1), np.stack((b, c), axis=-1)), axis=-2)
+
+
+def varying_source(x: Array) -> Array:
+    """−∇·(K∇u) + c u for ``wave``."""
+    s, t = 2.0 * x[:, 0] + 0.3, 3.0 * x[:, 1]
+    ux, uy = 2.0 * np.cos(s) * np.cos(t), -3.0 * np.sin(s) * np.sin(t)
+    uxx, uyy, uxy = -4.0 * wave(x), -9.0 * wave(x), -6.0 * np.cos(s) * np.sin(t)
+    K = varying(x)
+    divergence = K[:, 0, 0] * uxx + 2.0 * K[:, 0, 1] * uxy + K[:, 1, 1] * uyy
+    divergence += ux + 0.3 * ux + 2.0 * x[:, 1] * uy  # ∂x a ux + ∂y b ux + ∂x b uy + ∂y c uy
+    return np.asarray(-divergence + coefficient(x) * wave(x))
+
+
+def varying_robin(x: Array) -> Array:
+    s, t = 2.0 * x[:, 0] + 0.3, 3.0 * x[:, 1]
+    ux, uy = 2.0 * np.cos(s) * np.cos(t), -3.0 * np.sin(s) * np.sin(t)
+    K = varying(x)
+    return np.asarray((1.0 + x[:, 1]) * wave(x) + K[:, 0, 0] * ux + K[:, 0, 1] * uy)
+
+
+VARYING = Diffusion(
+    varying,
+    varying_source,
+    {0: wave, 1: wave},
+    exact=wave,
+    reaction=coefficient,
+    robin={2: (lambda x: 1.0 + x[:, 1], varying_robin)},
+)
+
+
+def orders(degree: int, meshes: list[Mesh], problem: Diffusion) -> tuple[float, float]:
+    """Orders in the L2 and DG norms between two meshes."""
+    found = [errors_of(PolyDG(degree), problem, mesh) for mesh in meshes]
+    sizes = [mesh.n_cells ** (-1 / mesh.dim) for mesh in meshes]
+    steps = np.log(sizes[0] / sizes[1])
+    return np.log(found[0].l2 / found[1].l2) / steps, np.log(found[0].dg / found[1].dg) / steps
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_orders_with_tensor_reaction_and_robin_data(degree: int) -> None:
+    l2, dg = orders(degree, [sides(samples.voronoi(n, seed=0)) for n in (100, 1600)], VARYING)
+    assert l2 > degree + 0.75
+    assert dg > degree - 0.25
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+@pytest.mark.parametrize("kind", ["voronoi", "random_triangles"])
+def test_orders_to_degree_four(degree: int, kind: str) -> None:
+    l2, dg = orders(degree, [sides(getattr(samples, kind)(n, seed=0)) for n in (100, 1600)], VARYING)
+    assert l2 > degree + 0.7
+    assert dg > degree - 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degree", [1, 2])
+def test_orders_on_tetrahedra(degree: int) -> None:
+    K = full(3)
+
+    def exact(x: Array) -> Array:
+        return np.asarray(np.sin(x @ np.array([1.0, 2.0, -1.0])))
+
+    w = np.array([1.0, 2.0, -1.0])
+    problem = Diffusion(K, lambda x: (w @ K @ w + 2.0) * exact(x), {0: exact}, exact=exact, reaction=2.0)
+    l2, dg = orders(degree, [samples.tetrahedra(n) for n in (3, 6)], problem)
+    assert l2 > degree + 0.7
+    assert dg > degree - 0.3
+
+
+BAD: dict[str, tuple[Any, str]] = {
+    "indefinite": (
+        np.array([[1.0, 2.0], [2.0, 1.0]]),
+        "definite: it is .* eigenvalue -1, in cell 0",
+    ),
+    "in a cell": (
+        np.where(np.arange(16)[:, None, None] == 3, -1.0, 1.0) * np.eye(2),
+        "positive definite: it is .* in cell 3",
+    ),
+    "at a point": (
+        lambda x: (x[:, 0] - 0.5)[:, None, None] * np.eye(2),
+        r"positive definite: it is .* at \[0\.",
+    ),
+    "unsymmetric": (np.array([[1.0, 0.5], [0.0, 1.0]]), "symmetric: it is .* in cell 0"),
+    "shape": (np.ones((3, 3)), r"kappa has shape \(3, 3\): expected a number, \(16,\) values, \(2, 2\) or"),
+    "nan": (np.array([[1.0, np.nan], [np.nan, 1.0]]), "kappa is .* not finite"),
+    "a callable of another shape": (lambda x: np.ones((len(x), 3, 3)), r"kappa returned shape \(\d+, 3, 3\)"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_tensors_are_refused(name: str) -> None:
+    kappa, message = BAD[name]
+    with pytest.raises(AggloError, match=message):
+        PolyDG().assemble(Diffusion(kappa), samples.squares(4))
+
+
+@pytest.mark.parametrize("solver", ["direct", "polydg_mg", "polydg_mg_paper", "polydg_cg", "multigrid"])
+def test_solvers_accept_tensors(solver: str) -> None:
+    mesh = samples.voronoi(120, seed=5)
+    angles = np.random.default_rng(0).uniform(0.0, np.pi, mesh.n_cells)
+    levels = agglomerate(mesh, n_parts=(30, 8))
+    for kappa in (rotated(0.5, 1e-2), rotated(angles, 0.05), lambda x: varying(x)):
+        problem = Diffusion(kappa)
+        solution = agglo.solve(levels, problem, solver=solver, tolerance=1e-9)
+        exact = solved(solution.discretisation, problem, mesh)
+        assert solution.converged
+        assert abs(solution.x - exact).max() <= 1e-5 * abs(exact).max()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_polyhedra_with_tensors_are_solved(degree: int) -> None:
+    mesh = samples.random_tetrahedra(300, seed=2)
+    for ratio in (1.0, 1e-2):
+        problem = Diffusion(rotated(0.7, ratio, 3), 0.0, {0: linear}, exact=linear)
+        solution = agglo.solve(mesh, problem, degree=degree, tolerance=1e-10)
+        assert solution.converged
+        assert solution.errors()["l2"] < 1e-7
+
+
+def test_scattered_cells_keep_their_tensors() -> None:
+    plain = samples.squares(110)
+    mesh = plain.renumbered(np.random.default_rng(0).permutation(plain.n_cells))
+    kappa = rotated(np.where(mesh.cell_centroids[:, 0] < 0.5, 0.3, 1.2), 0.1)
+    found = agglo.solve(mesh, Diffusion(kappa), tolerance=1e-9)
+    assert "renumbered" in found.choice
+    assert abs(found.x - solved(PolyDG(1), Diffusion(kappa), mesh)).max() < 1e-6
+
+
+def test_tables_of_tensors(tmp_path: Any) -> None:
+    plain = samples.squares(4)
+    mesh = replace(plain, cell_tags={"material": (np.arange(16) > 7).astype(int)})
+    path = tmp_path / "p.toml"
+    path.write_text("kappa = [[2.0, 0.5], [0.5, 1.0]]\n")
+    assert np.array_equal(agglo.problems.read_problem(path, mesh).kappa, [[2.0, 0.5], [0.5, 1.0]])
+    path.write_text("[kappa.material]\n0 = 3\n1 = [[2.0, 0.5], [0.5, 1.0]]\n")
+    kappa = agglo.problems.read_problem(path, mesh).kappa
+    assert np.array_equal(kappa[0], 3.0 * np.eye(2))
+    assert np.array_equal(kappa[9], [[2.0, 0.5], [0.5, 1.0]])
+    for text, message in (
+        ("kappa = [[1, 2], [2, 1]]", "kappa must be positive definite: its least eigenvalue is -1"),
+        ("kappa = [[1, 2], [0, 1]]", "kappa must be symmetric, given [[1, 2], [0, 1]]"),
+        ("kappa = [1, 2]", "kappa must be a number or 2 rows of 2 numbers, given [1, 2]"),
+        ("[kappa.material]\n0 = [[1, 2], [2, 'x']]\n1 = 1", "kappa.material.0 must be a finite number"),
+    ):
+        path.write_text(text)
+        with pytest.raises(AggloError, match=re.escape(message)):
+            agglo.problems.read_problem(path, mesh)

@@ -15,16 +15,17 @@ import agglo_core as agglo
 from agglo_core import Mesh, OptionError, samples
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.forms.assembly import discretise, jump_penalty
-from agglo_polydg_mg.forms.coefficients import positive
+from agglo_polydg_mg.forms.coefficients import positive, reaction_blocks
 from agglo_polydg_mg.forms.face_quadrature import all_faces, face_coefficients, face_rule
 from agglo_polydg_mg.forms.form_kernels import largest_bounds
 from agglo_polydg_mg.forms.norms import Errors, errors
 from agglo_polydg_mg.forms.sharp_penalty import MARGIN
 from agglo_polydg_mg.forms.trace_kernels import side_penalties
+from agglo_polydg_mg.forms.unit_forms import NORMALS
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.plain_cg import PlainCG
 from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.space.basis import Basis, stiffness
+from agglo_polydg_mg.space.basis import Basis, block_diagonal, stiffness
 from agglo_polydg_mg.space.gauss_points import gauss
 from agglo_polydg_mg.space.legendre_kernels import LANES
 
@@ -85,6 +86,9 @@ def energies(mesh: Mesh, degree: int, problem: Diffusion) -> tuple[Array, Array]
         harmonic = 2 * on[f, 0] * on[f, 1] / (on[f, 0] + on[f, 1])
         weights = 0.5 * gauss(rule)[1] * mesh.face_measures[f] * sigma[f] * harmonic
         norm += jump.T @ (weights[:, None] * jump)
+    reaction = reaction_blocks(basis, problem.reaction)
+    if reaction is not None:
+        norm += block_diagonal(reaction).toarray()
     return A, norm
 
 
@@ -118,6 +122,24 @@ def jumping(mesh: Mesh, rng: np.random.Generator) -> Diffusion:
     return Diffusion(kappa=rng.choice([1.0, 1e6], mesh.n_cells))
 
 
+def tilted(mesh: Mesh, rng: np.random.Generator) -> Diffusion:
+    """A random tensor in each cell, with ratios up to 1e6, and reaction up to 1e8."""
+    angle, ratio = rng.uniform(0.0, np.pi, mesh.n_cells), 10.0 ** rng.uniform(-6.0, 0.0, mesh.n_cells)
+    axis = np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    along = axis[:, :, None] * axis[:, None]
+    across = np.eye(2) - along
+    kappa = 10.0 ** rng.uniform(-2.0, 2.0, (mesh.n_cells, 1, 1)) * (along + ratio[:, None, None] * across)
+    return Diffusion(kappa, reaction=rng.choice([0.0, 1.0, 1e8], mesh.n_cells))
+
+
+def turning(x: Array) -> Array:
+    """A tensor with the ratio 1e4 that turns."""
+    angle = 3.0 * x[:, 0] + 2.0 * x[:, 1]
+    axis = np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    return np.asarray(1e-4 * np.eye(2) + axis[:, :, None] * axis[:, None])
+
+
+TURNING = Diffusion(turning)
 WAVE = Diffusion(kappa=lambda x: 1.0 + 0.95 * np.sin(7 * x[:, 0]) * np.cos(5 * x[:, 1]))
 CASES: dict[str, Callable[[np.random.Generator], Mesh]] = {
     "squares": lambda rng: samples.squares(4),
@@ -136,7 +158,7 @@ CASES: dict[str, Callable[[np.random.Generator], Mesh]] = {
 def test_coercive_with_the_margin(name: str) -> None:
     rng = np.random.default_rng(len(name))
     mesh, degree = CASES[name](rng), 1 + len(name) % 3
-    for problem in (Diffusion(), jumping(mesh, rng), WAVE):
+    for problem in (Diffusion(), jumping(mesh, rng), WAVE, tilted(mesh, rng), TURNING):
         assert margin(mesh, degree, problem) >= MARGIN * (1 - 1e-6)
 
 
@@ -146,7 +168,7 @@ def test_coercive_with_the_margin(name: str) -> None:
 def test_coercive_on_all_meshes_with_all_coefficients(seed: int, degree: int) -> None:
     rng = np.random.default_rng(1000 * degree + seed)
     mesh = list(CASES.values())[seed % len(CASES)](rng)
-    problem = (Diffusion(), jumping(mesh, rng), jumping(mesh, rng), WAVE)[seed % 4]
+    problem = (Diffusion(), jumping(mesh, rng), tilted(mesh, rng), WAVE, TURNING)[seed % 5]
     assert shortfall(mesh, degree, problem) <= 1e-11
     if degree < 3:
         assert margin(mesh, degree, problem) >= MARGIN * (1 - 1e-6)
@@ -179,7 +201,8 @@ def test_what_a_cell_asks_is_enough_and_no_more(callable_kappa: bool) -> None:
     asked = np.zeros((mesh.n_faces, 2))
     resolved = side_penalties(
         mesh.local_points, *mesh.cell_faces, mesh.face_pairs, mesh.face_cells, 0,
-        np.ones(mesh.n_faces, bool), basis.boxes, basis.scale, fill, blocks, on, *gauss(rule), degree, asked,
+        np.ones(mesh.n_faces, bool), basis.boxes, basis.scale, fill, blocks, on, NORMALS,
+        *gauss(rule), degree, asked,
     )  # fmt: skip
     assert resolved.all()
     for c in range(mesh.n_cells):

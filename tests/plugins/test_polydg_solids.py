@@ -37,6 +37,7 @@ def slow_matrix(mesh: Mesh, degree: int, kappa: Array, sigma: Array) -> Array:
     basis, m = Basis(mesh, degree, True), Basis(mesh, degree).n_local
     A = np.zeros((basis.n, basis.n))
     faces = loops(mesh)
+    tensors = kappa if kappa.ndim == 3 else kappa[:, None, None] * np.eye(3)
     points3, weights3 = gauss_tetrahedron(degree + 1)
     points2, weights2 = gauss_triangle(degree + 1)
     for c in range(mesh.n_cells):
@@ -48,11 +49,12 @@ def slow_matrix(mesh: Mesh, degree: int, kappa: Array, sigma: Array) -> Array:
                 weights.append(np.linalg.det(edges) * (1 - 2 * side) * weights3)
         x, w = np.concatenate(at), np.concatenate(weights)
         slopes = basis.gradients(np.full(len(x), c), x)
-        A[own, own] = kappa[c] * np.tensordot(w[:, None, None] * slopes, slopes, ((0, 1), (0, 1)))
+        A[own, own] = np.einsum("q,qai,ab,qbj->ij", w, slopes, tensors[c], slopes, optimize=True)
     for f, (a, b) in enumerate(mesh.face_cells):
         cells = [a] if b < 0 else [a, b]
         rows = np.concatenate([np.arange(c * m, c * m + m) for c in cells])
-        k = np.array(kappa[cells])
+        conormals = tensors[cells] @ mesh.face_normals[f]
+        k = conormals @ mesh.face_normals[f]
         mean = k[0] if b < 0 else k[0] * k[1] / k.sum()
         stiff = sigma[f] * mean * (1 if b < 0 else 2)
         ring, normal, at, weights = faces[f], mesh.face_normals[f], [], []
@@ -64,17 +66,29 @@ def slow_matrix(mesh: Mesh, degree: int, kappa: Array, sigma: Array) -> Array:
         jump = np.hstack(
             [s * basis.values(np.full(len(x), c), x) for s, c in zip((1, -1), cells, strict=False)]
         )
-        flux = np.hstack([mean * (normal @ basis.gradients(np.full(len(x), c), x)) for c in cells])
+        slopes = [basis.gradients(np.full(len(x), c), x) for c in cells]
+        flux = np.hstack([mean / d * (v @ g) for v, d, g in zip(conormals, k, slopes, strict=True)])
         A[np.ix_(rows, rows)] += jump.T @ (stiff * w * jump) - jump.T @ (w * flux) - flux.T @ (w * jump)
     return A
 
 
+def tensors(sizes: Array) -> Array:
+    """A tensor of each size, with random axes and ratios up to 1e4."""
+    rng = np.random.default_rng(3)
+    axes = np.linalg.qr(rng.standard_normal((len(sizes), 3, 3)))[0]
+    values = sizes[:, None] * 10.0 ** rng.uniform(-4.0, 0.0, (len(sizes), 3))
+    found = (axes * values[:, None]) @ axes.transpose(0, 2, 1)
+    return np.asarray(0.5 * (found + found.transpose(0, 2, 1)))
+
+
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("degree", [1, 2, CUBIC])
-def test_matrices_are_those_of_a_slow_assembly(name: str, degree: int) -> None:
+@pytest.mark.parametrize("kind", ["scalars", "tensors"])
+def test_matrices_are_those_of_a_slow_assembly(name: str, degree: int, kind: str) -> None:
     mesh = MESHES[name]
     kappa = np.random.default_rng(1).choice([1.0, 1e3], mesh.n_cells)
-    sigma = jump_penalty(Basis(mesh, degree, True), kappa, "sharp", NONE)
+    kappa = kappa if kind == "scalars" else tensors(kappa)
+    sigma = jump_penalty(Basis(mesh, degree, True), positive(mesh, kappa), "sharp", NONE)
     A = discretise(mesh, degree, Diffusion(kappa=kappa), penalty="sharp", scaled_basis=True).A.toarray()
     expected = slow_matrix(mesh, degree, kappa, sigma)
     scale = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
@@ -121,12 +135,14 @@ def test_a_constant_penalty_serves_convex_cells(degree: int) -> None:
 
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("degree", [1, 2])
-def test_the_sharp_penalty_keeps_its_margin(name: str, degree: int) -> None:
+@pytest.mark.parametrize("kind", ["scalars", "tensors"])
+def test_the_sharp_penalty_keeps_its_margin(name: str, degree: int, kind: str) -> None:
     """Least eigenvalue of A beside the DG norm, made of jumps without normal derivatives."""
     mesh, rng = MESHES[name], np.random.default_rng(2)
     kappa = 10.0 ** rng.integers(-3, 4, mesh.n_cells)
+    kappa = kappa if kind == "scalars" else tensors(kappa)
     basis = Basis(mesh, degree, True)
-    sigma = jump_penalty(basis, kappa, "sharp", NONE)
+    sigma = jump_penalty(basis, positive(mesh, kappa), "sharp", NONE)
     huge = slow_matrix(mesh, degree, kappa, 1e9 * sigma)
     plain = slow_matrix(mesh, degree, kappa, 0.0 * sigma)
     inside, m = np.zeros_like(plain), basis.n_local

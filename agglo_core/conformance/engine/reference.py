@@ -104,13 +104,14 @@ def _system(problem: Problem, hierarchy: Hierarchy) -> tuple[Any, Float, Int]:
 
 def _fluxes(problem: Diffusion, mesh: Mesh) -> tuple[Any, Float]:
     # Cell values of coefficient and source.
-    of_cells = problem.kappa, problem.source, problem.reaction
-    kappa, source, reaction = (_sample(field, mesh.cell_centroids) for field in of_cells)
+    kappa, of_cells = _tensors(problem.kappa, mesh), (problem.source, problem.reaction)
+    source, reaction = (_sample(field, mesh.cell_centroids) for field in of_cells)
     # Resistance between face centre and cell centre, for both sides of each face.
     first = np.add.reduceat(mesh.local_points[mesh.face_vertices], mesh.face_offsets[:-1], axis=0)
     middle = first / np.diff(mesh.face_offsets)[:, None]
     resistances = [
-        np.abs(((middle - mesh.local_centroids[c]) * mesh.face_normals).sum(axis=1)) / kappa[c]
+        np.abs(((middle - mesh.local_centroids[c]) * mesh.face_normals).sum(axis=1))
+        / np.einsum("fi,fij,fj->f", mesh.face_normals, kappa[c], mesh.face_normals)
         for c in mesh.face_cells.T
     ]
     # Transmissibility of inner faces: resistances in series.
@@ -148,6 +149,13 @@ def _boundary(problem: Diffusion, mesh: Mesh, middle: Float) -> tuple[Float, Flo
         for tag, field in data.items():
             target[tags == tag] = _sample(field, middle[tags == tag])
     return values, natural
+
+
+def _tensors(kappa: Any, mesh: Mesh) -> Float:
+    """Return the coefficient of each cell as a tensor ``(n_cells, d, d)``."""
+    values = np.asarray(kappa(mesh.cell_centroids) if callable(kappa) else kappa, float)
+    tensors = values if values.ndim >= 2 else np.multiply.outer(values, np.eye(mesh.dim))
+    return frozen_float(np.broadcast_to(tensors, (mesh.n_cells, mesh.dim, mesh.dim)))
 
 
 def _sample(field: Field, points: Float) -> Float:

@@ -34,8 +34,8 @@ from agglo_polydg_mg.forms.boundary import (
     robin_terms,
     rule_of,
 )
-from agglo_polydg_mg.forms.coefficients import positive, reaction_blocks
-from agglo_polydg_mg.forms.face_quadrature import all_faces, face_coefficients
+from agglo_polydg_mg.forms.coefficients import cell_means, positive, reaction_blocks
+from agglo_polydg_mg.forms.face_quadrature import OnFaces, all_faces, on_both_sides
 from agglo_polydg_mg.forms.floating import balanced, floating_parts, hold
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty, face_penalty
 from agglo_polydg_mg.forms.sharp_penalty import sharp_penalty
@@ -43,6 +43,7 @@ from agglo_polydg_mg.forms.side_sums import add_sides
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.gauss_points import gauss
+from agglo_polydg_mg.space.tensors import Tensor
 
 
 def discretise(
@@ -136,12 +137,12 @@ def discretise_lifted(
     if not g.any():
         b = frozen_float(loads.ravel())
         return Lifted(System.trusted(A, b, offsets, mesh), b, frozen_float(np.zeros(basis.n)), sigma)
-    dirichlet_kappa = face_coefficients(mesh, kappa, boundary.dirichlet, degree + 2)[:, 0]
-    functional = dirichlet_load(basis, boundary, dirichlet_kappa, sigma)
+    held = on_both_sides(mesh, kappa, boundary.dirichlet, degree + 2)
+    functional = dirichlet_load(basis, boundary, held, sigma)
     b = frozen_float((loads + functional(g)).ravel())
     system = System.trusted(A, b, offsets, mesh)
     # 4. Load without the Dirichlet offset
-    c = data_offset(basis, problem, boundary, dirichlet_kappa)
+    c = data_offset(basis, problem, boundary, held.kappa[:, 0])
     if not c.any():
         return Lifted(system, b, frozen_float(np.zeros(basis.n)), sigma)
     shifted_load = functional(g - c[mesh.face_cells[rule_of(basis, boundary.dirichlet).faces, 0], None])
@@ -153,12 +154,13 @@ def _matrix_and_penalty(
     problem: Diffusion,
     boundary: Boundary,
     penalty: Penalty,
-    kappa: Field,
+    kappa: Field | Tensor,
     units: UnitForms | None,
 ) -> tuple[Any, Float]:
     mesh = basis.mesh
-    unit_forms = units if units is not None and units.fit and not callable(kappa) else None
-    on_faces = face_coefficients(mesh, kappa, all_faces(mesh), basis.degree + 2)
+    scales = not callable(kappa) and not isinstance(kappa, Tensor)
+    unit_forms = units if units is not None and units.fit and scales else None
+    on_faces = on_both_sides(mesh, kappa, all_faces(mesh), basis.degree + 2)
     inside = stiffness(basis, kappa) if unit_forms is None else None
     sigma = jump_penalty(basis, kappa, penalty, boundary.natural, on_faces, inside, unit_forms)
     reaction = reaction_blocks(basis, problem.reaction)
@@ -183,34 +185,55 @@ def load(basis: Basis, problem: Diffusion) -> Float:
 
 def jump_penalty(
     basis: Basis,
-    kappa: Field,
+    kappa: Field | Tensor,
     penalty: Penalty,
     natural: Int,
-    on_faces: Float | None = None,
+    on_faces: OnFaces | None = None,
     inside: Float | None = None,
     units: UnitForms | None = None,
 ) -> Float:
     """Return each face's jump penalty σ ``(n_faces,)``, 0 on ``natural`` (Neumann) faces.
 
-    κ comes from :func:`positive`. If available, pass its :func:`face_coefficients` for degree + 2 as
+    κ comes from :func:`positive`. If available, pass :func:`on_both_sides` for degree + 2 as
     ``on_faces``, its :func:`stiffness` as ``inside``, and, if κ is constant in each cell, ``units``.
     """
     if penalty != "sharp":
         constant = PAPER if penalty == "paper" else penalty
         return face_penalty(basis.mesh, basis.degree, constant, natural)
     if on_faces is None:
-        on_faces = face_coefficients(basis.mesh, kappa, all_faces(basis.mesh), basis.degree + 2)
+        on_faces = on_both_sides(basis.mesh, kappa, all_faces(basis.mesh), basis.degree + 2)
     if inside is None and units is None:
         inside = stiffness(basis, kappa)
     return sharp_penalty(basis, kappa, on_faces, inside, natural, units)
 
 
+def effective_penalty(basis: Basis, problem: Diffusion, sigma: Float) -> Float:
+    """Return the penalty ``(n_faces,)`` that gives jumps their energy with the cell means of κ.
+
+    Choices of the solver use one κ per cell. For a tensor σ is multiplied by the harmonic mean of n·κn over
+    that of the means, so that faces across its weak directions count as weak.
+    """
+    mesh = basis.mesh
+    kappa = positive(mesh, problem.kappa)
+    if not isinstance(kappa, Tensor):
+        return sigma
+    faces, means = all_faces(mesh), cell_means(mesh, kappa)
+    rows = on_both_sides(mesh, kappa, faces, basis.degree + 2).kappa
+    strength = (rows[:, 0] * rows[:, 1] / (rows[:, 0] + rows[:, 1])).max(axis=1)
+    if len(strength) != mesh.n_faces:
+        first = mesh.face_offsets[:-1] - (mesh.dim - 1) * np.arange(mesh.n_faces)
+        strength = np.maximum.reduceat(strength, first)
+    one, other = means[mesh.face_cells[:, 0]], means[mesh.face_cells[:, 1]]
+    other = np.where(mesh.face_cells[:, 1] < 0, one, other)
+    return frozen_float(sigma * strength * (one + other) / (one * other))
+
+
 def _matrix(
     basis: Basis,
     inside: Float | None,
-    on_faces: Float,
+    on_faces: OnFaces,
     sigma: Float,
-    kappa: Field,
+    kappa: Field | Tensor,
     units: UnitForms | None,
     reaction: Float | None,
 ) -> sparse.bsr_array:
@@ -218,7 +241,8 @@ def _matrix(
 
     # 1. Stiffness and reaction on the diagonal blocks
     mesh = basis.mesh
-    rule = gauss(basis.degree + 1 if on_faces.shape[2] == 1 else on_faces.shape[2])
+    count = on_faces.kappa.shape[2]
+    rule = gauss(basis.degree + 1 if count == 1 else count)
     indptr, indices, diagonal, slots = basis.pattern
     blocks = np.zeros((len(indices), basis.n_local, basis.n_local))
     if inside is not None:
@@ -238,8 +262,10 @@ def _matrix(
         if mesh.dim == 3:
             add_sides(basis, faces, in_strip, sigma, on_faces, blocks)
         elif units is None:
-            face_blocks(points, pairs, cells, faces, in_strip, slots, *frames, sigma, on_faces, *rule, blocks)
+            form_data = *frames, sigma, *on_faces, *rule
+            face_blocks(points, pairs, cells, faces, in_strip, slots, *form_data, blocks)
         else:
+            assert not isinstance(kappa, Tensor)
             parts = slots, diagonal, sigma, frozen_float(kappa), units.stiffness, units.faces
             add_scaled_blocks(cells, faces, in_strip, *parts, blocks)
 

@@ -8,9 +8,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.authoring import Diffusion, Field, Float, Int, Mask, Mesh, OptionError, frozen_int
+from agglo_core.authoring import (
+    Diffusion,
+    Field,
+    Float,
+    Int,
+    Mask,
+    Mesh,
+    OptionError,
+    frozen_float,
+    frozen_int,
+)
 from agglo_polydg_mg.forms.coefficients import cell_means, is_zero, nonnegative
-from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule, on_pieces
+from agglo_polydg_mg.forms.face_quadrature import FaceRule, OnFaces, face_rule, on_pieces
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.quadrature import per_cell, sample
 
@@ -205,20 +215,25 @@ def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Flo
     return np.asarray(np.where(least <= most, np.clip(0.0, least, most), 0.0)[component])
 
 
-def dirichlet_load(basis: Basis, boundary: Boundary, kappa: Float, sigma: Float) -> Callable[[Float], Float]:
+def dirichlet_load(
+    basis: Basis, boundary: Boundary, on_faces: OnFaces, sigma: Float
+) -> Callable[[Float], Float]:
     """Return the map from Dirichlet data g ``(t, q)`` to the right-hand side ``(n_cells, n_local)``.
 
-    The right-hand side is ∫ σκ g v − κ g ∂v/∂n. The data come from :func:`dirichlet_values`;
-    ``kappa (f, 1)`` or ``(t, q)`` is the coefficient in the owners of the Dirichlet faces,
+    The right-hand side is ∫ σκ g v − κ g ∂v/∂n, for a tensor with n·κn and κn·∇v. The data come from
+    :func:`dirichlet_values`, ``on_faces`` is the coefficient on the Dirichlet faces, and
     ``sigma (n_faces,)`` the penalty.
     """
     mesh, rule = basis.mesh, rule_of(basis, boundary.dirichlet)
     tests, faces = _traces(basis, rule), rule.faces
     cells = np.repeat(mesh.face_cells[faces, 0], rule.points.shape[1])
     slopes = basis.gradients(cells, rule.points.reshape(-1, mesh.dim))
-    normals = np.repeat(rule.normals, rule.points.shape[1], axis=0)
-    fluxes = np.einsum("qd,qdk->qk", normals, slopes).reshape(tests.shape)
-    own = on_pieces(kappa, boundary.dirichlet, rule)
+    directions = rule.normals[:, None]
+    if len(on_faces.directions):
+        directions = on_pieces(on_faces.directions, boundary.dirichlet, rule)[:, 0]
+    directions = np.broadcast_to(directions, rule.points.shape).reshape(-1, mesh.dim)
+    fluxes = np.einsum("qd,qdk->qk", directions, slopes).reshape(tests.shape)
+    own = on_pieces(frozen_float(on_faces.kappa[:, 0]), boundary.dirichlet, rule)
     tests = own[:, :, None] * (sigma[faces][:, None, None] * tests - fluxes)
     return lambda g: _sum_per_cell(basis, faces, rule.weights * g, tests)
 

@@ -7,10 +7,16 @@ import numpy as np
 from agglo_core.authoring import Field, Float, Mesh, OptionError, frozen_float
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.quadrature import per_cell, sample, weighted_moments
+from agglo_polydg_mg.space.tensors import Tensor, is_tensor, tensor
 
 
-def positive(mesh: Mesh, kappa: Field) -> Field:
-    """Check that κ is positive: return cell values ``(n_cells,)``, or a callable that checks its values."""
+def positive(mesh: Mesh, kappa: Field) -> Field | Tensor:
+    """Check that κ is positive: return cell values ``(n_cells,)``, or a callable that checks its values.
+
+    A tensor is returned as :class:`~agglo_polydg_mg.space.tensors.Tensor`.
+    """
+    if is_tensor(kappa, mesh):
+        return tensor(mesh, kappa)
     return _checked(mesh, kappa, "kappa", zero=False)
 
 
@@ -44,8 +50,15 @@ def _checked(mesh: Mesh, field: Field, name: str, *, zero: bool) -> Field:
     return values
 
 
-def cell_means(mesh: Mesh, field: Field, name: str = "kappa") -> Float:
-    """Return the mean of a coefficient over each cell ``(n_cells,)``."""
+def cell_means(mesh: Mesh, field: Field | Tensor, name: str = "kappa") -> Float:
+    """Return the mean of a coefficient over each cell ``(n_cells,)``, for a tensor of its trace / d."""
+    if not isinstance(field, Tensor) and is_tensor(field, mesh):
+        field = tensor(mesh, field)
+    if isinstance(field, Tensor):
+        given, dim = field, mesh.dim
+        if given.by_cell:
+            return frozen_float(np.trace(given.field, axis1=1, axis2=2) / dim)
+        return cell_means(mesh, lambda x: np.trace(given.at(x, None), axis1=1, axis2=2) / dim, name)
     if not callable(field):
         return per_cell(field, mesh.n_cells, name)
     unit = [0.0, 0.0, 1.0, 1.0, 1.0, 0.0] if mesh.dim == 2 else [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]

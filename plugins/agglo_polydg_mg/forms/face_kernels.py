@@ -151,14 +151,15 @@ def _rooms(rules, m, degree):
 
 @helper
 def _add_up(
-    points, face_vertices, face_cells, batch, count, boxes, scale, means, stiffs, nodes, weights, table,
-    workspace, sums,
+    points, face_vertices, face_cells, batch, count, boxes, scale, directions, means, stiffs, nodes,
+    weights, table, workspace, sums,
 ):  # fmt: skip
     """Compute the bilinear form of each face in ``batch``: the lower half of Σ_q (j rᵀ + r jᵀ).
 
     ``sums (2 m, 2 m, LANES)`` receives the results. Here j are the polynomial jumps between both cells and
     r = stiff j − mean g, with the sum g of their normal derivatives; ``means`` and ``stiffs (q, LANES)``
-    are given at each point. With mean = γ/2 and stiff = σγ/2 this is the bilinear form of the face, j being
+    are given at each point, and ``directions (F, 2, 1 or q, 2)`` replace the normals if there are any.
+    With mean = γ/2 and stiff = σγ/2 this is the bilinear form of the face, j being
     weighted by the Gauss rule.
     """
     traces, lines, frame = workspace
@@ -190,6 +191,13 @@ def _add_up(
         # once. The jump is the owner's value minus the neighbour's, and both sides share one normal.
         for q in range(len(nodes)):
             s, mean, stiff = 0.5 * (1.0 + nodes[q]), means[q], stiffs[q]
+            if len(directions) > 0:
+                at = min(q, directions.shape[2] - 1)
+                for lane in range(count):
+                    c, direction = face_cells[batch[lane], side], directions[batch[lane], side, at]
+                    if c >= 0:
+                        tx, ty = along_box(direction[0], direction[1], boxes[c])
+                        nx[lane], ny[lane] = scale[c] * tx / boxes[c, 2], scale[c] * ty / boxes[c, 3]
             _polynomials_along(x, along_x, s, table, lx, dx)
             _polynomials_along(y, along_y, s, table, ly, dy)
             k, half = side * m, 0.5 * weights[q]
@@ -209,14 +217,15 @@ def _add_up(
 
 @kernel
 def face_blocks(
-    points, face_vertices, face_cells, faces, in_strip, slots, boxes, scale, sigma, kappa, nodes, weights,
-    blocks,
+    points, face_vertices, face_cells, faces, in_strip, slots, boxes, scale, sigma, kappa, directions,
+    nodes, weights, blocks,
 ):  # fmt: skip
     """Add ∫ −{κ∇u·n}[v] − {κ∇v·n}[u] + γσ[u][v] over ``faces (k,)`` to the rows of ``in_strip`` cells.
 
     Each block ``(m, m)`` is stored in its row cell; ``slots (F, 2, 2)`` gives the block position for (owner
     or neighbour, owner or neighbour). ``kappa (F, 2, 1 or q)`` is the coefficient on both sides,
-    ``sigma (F,)`` the penalty without κ. Faces with σ = 0 are skipped. Averages and penalty are weighted
+    ``sigma (F,)`` the penalty without κ. For a tensor they are n·κn and ``directions`` κn / (n·κn).
+    Faces with σ = 0 are skipped. Averages and penalty are weighted
     harmonically, γ = 2 κ κ' / (κ + κ'). With jumps j and r = γσ/2 j − g, g the average, each point adds j
     rᵀ + r jᵀ. Each pass takes ``LANES`` faces.
     """
@@ -236,8 +245,8 @@ def face_blocks(
                 stiffs[q, lane] = (1.0 if inner else 0.5) * sigma[batch[lane]] * means[q, lane]
         # Sum j rᵀ + r jᵀ over all Gauss points, then scatter each face to its four blocks.
         _add_up(
-            points, face_vertices, face_cells, batch, count, boxes, scale, means, stiffs, nodes, weights,
-            table, workspace, sums,
+            points, face_vertices, face_cells, batch, count, boxes, scale, directions, means, stiffs, nodes,
+            weights, table, workspace, sums,
         )  # fmt: skip
         for lane in range(count):
             _scatter(sums, lane, m, batch[lane], face_cells, in_strip, slots, blocks)
@@ -258,6 +267,7 @@ def unit_faces(
     table, workspace, sums = recurrences(degree), _rooms(rules, m, degree), np.empty((2 * m, 2 * m, LANES))
     batch, unit_means, stiffs = np.empty(LANES, np.int64), np.ones((rules, LANES)), np.empty((rules, LANES))
     no_means, faces = np.zeros((rules, LANES)), np.arange(first, first + len(units))
+    normals = np.zeros((0, 2, 1, 2))
     count, following = _choose(0, faces, lengths, batch)
     while count > 0:
         # stiff = σγ/2 of :func:`_add_up` for σ = 1: γ/2 is 1 inside, 1/2 at the boundary.
@@ -267,7 +277,7 @@ def unit_faces(
         # The form is linear in mean and stiff: compute the jumps alone, then the averages alone.
         for part in range(2):
             _add_up(
-                points, face_vertices, face_cells, batch, count, boxes, scale,
+                points, face_vertices, face_cells, batch, count, boxes, scale, normals,
                 unit_means if part else no_means, no_means if part else stiffs, nodes, weights, table,
                 workspace, sums,
             )  # fmt: skip

@@ -10,6 +10,7 @@ from agglo_core.authoring import Field, Float, Int, Mesh, frozen_float, frozen_i
 from agglo_polydg_mg.space.gauss_points import gauss, simplex_rule
 from agglo_polydg_mg.space.quadrature import per_cell, sample
 from agglo_polydg_mg.space.solid_geometry import triangles_of_faces
+from agglo_polydg_mg.space.tensors import Tensor
 
 _INTO = 1e-7  # shift into a cell, relative to the face size: more than rounding, less than any detail of κ
 
@@ -63,21 +64,66 @@ def all_faces(mesh: Mesh) -> Int:
     return frozen_int(np.arange(mesh.n_faces))
 
 
-def face_coefficients(mesh: Mesh, kappa: Field, faces: Int, n: int) -> Float:
-    """Return κ on both sides of some faces, repeating the inner value at the boundary.
+class OnFaces(NamedTuple):
+    """Coefficient on both sides of faces.
 
-    Cell values are used directly, one row per face ``(f, 2, 1)``. A callable is sampled at the points of
-    :func:`face_rule`, one row per piece ``(t, 2, q)``, shifted into either cell by 1e-7 of the face size.
+    Attributes
+    ----------
+    kappa : (f, 2, 1) or (t, 2, q) float
+        n·κn, with rows as from :func:`face_coefficients`.
+    directions : (rows, 2, 1 or q, d) float
+        κn / (n·κn) for a tensor, with n outward from the owner on both sides. Without rows for a scalar,
+        where it is n.
     """
-    if not callable(kappa):
-        return frozen_float(per_cell(kappa, mesh.n_cells, "kappa")[_cells_of_faces(mesh, faces)][:, :, None])
-    rule = face_rule(mesh, faces, n)
-    sides, points = _cells_of_faces(mesh, rule.faces), rule.points[:, None]
+
+    kappa: Float
+    directions: Float
+
+
+def on_both_sides(mesh: Mesh, kappa: Field | Tensor, faces: Int, n: int) -> OnFaces:
+    """Return the coefficient on both sides of some faces, repeating the inner value at the boundary.
+
+    A tensor has one row per piece of :func:`face_rule`, because normals may differ between triangles.
+    """
+    if not isinstance(kappa, Tensor):
+        none = frozen_float(np.zeros((0, 2, 1, mesh.dim)))
+        return OnFaces(face_coefficients(mesh, kappa, faces, n), none)
+    # 1. Values on the pieces
+    rule = face_rule(mesh, faces, 1 if kappa.by_cell else n)
+    sides = _cells_of_faces(mesh, rule.faces)
+    points, count = (None, 1) if kappa.by_cell else (_shifted(mesh, rule, sides), rule.points.shape[1])
+    flat = None if points is None else points.reshape(-1, mesh.dim)
+    values = kappa.at(flat, np.repeat(sides.ravel(), count))
+    values = values.reshape(len(sides), 2, count, mesh.dim, mesh.dim)
+    # 2. Co-normal vectors, and their parts along the normals
+    conormals = np.einsum("tsqij,tj->tsqi", values, rule.normals)
+    normal_parts = np.einsum("tsqi,ti->tsq", conormals, rule.normals)
+    normal_parts[normal_parts == 0.0] = 1.0  # triangles without area
+    return OnFaces(frozen_float(normal_parts), frozen_float(conormals / normal_parts[..., None]))
+
+
+def _shifted(mesh: Mesh, rule: FaceRule, sides: Int) -> Float:
+    """Return points ``(t, 2, q, d)`` of a face rule in user coordinates, moved into either cell."""
     size = mesh.face_measures[rule.faces, None]
     size = size if mesh.dim == 2 else np.sqrt(size)
     away = _INTO * (rule.normals * size)[:, None, None]
     outward = np.where(sides[:, :1] == sides, -1.0, 1.0)[:, :, None, None]
-    values = sample(kappa, (points + outward * away).reshape(-1, mesh.dim) + mesh.origin, "kappa")
+    return np.asarray(rule.points[:, None] + outward * away + mesh.origin)
+
+
+def face_coefficients(mesh: Mesh, kappa: Field | Tensor, faces: Int, n: int) -> Float:
+    """Return κ, or n·κn for a tensor, on both sides of faces, repeating the inner value at the boundary.
+
+    Cell values are used directly, one row per face ``(f, 2, 1)``. A callable is sampled at the points of
+    :func:`face_rule`, one row per piece ``(t, 2, q)``, shifted into either cell by 1e-7 of the face size.
+    """
+    if isinstance(kappa, Tensor):
+        return on_both_sides(mesh, kappa, faces, n).kappa
+    if not callable(kappa):
+        return frozen_float(per_cell(kappa, mesh.n_cells, "kappa")[_cells_of_faces(mesh, faces)][:, :, None])
+    rule = face_rule(mesh, faces, n)
+    sides = _cells_of_faces(mesh, rule.faces)
+    values = sample(kappa, _shifted(mesh, rule, sides).reshape(-1, mesh.dim), "kappa")
     return frozen_float(values.reshape(len(sides), 2, -1))
 
 

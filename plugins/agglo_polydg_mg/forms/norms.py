@@ -24,6 +24,7 @@ from agglo_polydg_mg.forms.face_quadrature import face_coefficients, face_rule, 
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.quadrature import Batch, inside, sample
+from agglo_polydg_mg.space.tensors import Tensor
 
 # Faces per batch: limits the memory for the traces at their quadrature points (benchmarks/constants.py)
 _FACES = 20_000
@@ -70,7 +71,7 @@ class EnergyNorm:
         return offset_of(self.basis, self.problem)
 
     @cached_property
-    def _kappa(self) -> Field:
+    def _kappa(self) -> Field | Tensor:
         return positive(self.basis.mesh, self.problem.kappa)
 
     @cached_property
@@ -99,7 +100,7 @@ def offset_of(basis: Basis, problem: Diffusion) -> Float:
     return data_offset(basis, problem, boundary, own)
 
 
-def jumps(basis: Basis, x: Float, outside: Outside, kappa: Field, sigma: Float) -> float:
+def jumps(basis: Basis, x: Float, outside: Outside, kappa: Field | Tensor, sigma: Float) -> float:
     """Return Σ_F γσ ‖[u]‖² over inner and Dirichlet faces, for coefficients ``x (n,)``."""
     mesh, n, total = basis.mesh, basis.degree + 4, 0.0
     penalised = np.flatnonzero(sigma > 0)
@@ -193,8 +194,7 @@ def errors(
         slopes = slopes - np.einsum("qdk,qk->qd", basis.gradients(cells, batch.points), coefficients[cells])
         weights = batch.weights if chosen is None else batch.weights * chosen[cells]
         square = weights * (slopes**2).sum(axis=1)
-        kappa_values = sample(kappa, points, "kappa") if callable(kappa) else np.asarray(kappa)[cells]
-        sums += weights @ e**2, square.sum(), kappa_values @ square
+        sums += weights @ e**2, square.sum(), _densities(kappa, points, cells, slopes) @ weights
 
     def outside(faces: Int, points: Float) -> Float:
         values = sample(exact, points.reshape(-1, basis.mesh.dim) + basis.mesh.origin, "exact")
@@ -204,6 +204,14 @@ def errors(
     counted = sigma if chosen is None else sigma * _shares(basis.mesh, chosen)
     sums[2] += jumps(basis, remainder, outside, kappa, counted)
     return Errors(*np.sqrt(sums).tolist())
+
+
+def _densities(kappa: Field | Tensor, points: Float, cells: Int, slopes: Float) -> Float:
+    """Return ∇v·κ∇v ``(q,)`` at points in known cells, from gradients ``slopes (q, d)``."""
+    if isinstance(kappa, Tensor):
+        return np.asarray(np.einsum("qi,qij,qj->q", slopes, kappa.at(points, cells), slopes))
+    values = sample(kappa, points, "kappa") if callable(kappa) else np.asarray(kappa)[cells]
+    return np.asarray(values * (slopes**2).sum(axis=1))
 
 
 def _shares(mesh: Mesh, cells: Mask) -> Float:

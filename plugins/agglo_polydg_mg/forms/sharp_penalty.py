@@ -12,12 +12,14 @@ import numpy as np
 
 from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, frozen_float
 from agglo_core.threads import COSTLY, over_ranges
+from agglo_polydg_mg.forms.face_quadrature import OnFaces
 from agglo_polydg_mg.forms.penalty import simplex_heights
 from agglo_polydg_mg.forms.side_sums import solid_requirements
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import gauss
 from agglo_polydg_mg.space.quadrature import inside, sample
+from agglo_polydg_mg.space.tensors import Tensor
 
 MARGIN = 0.25
 """Smallest eigenvalue of the matrix A relative to the square of the DG norm. A larger value gives larger
@@ -26,8 +28,8 @@ penalties, by the factor 1 / (1 − MARGIN)² (benchmarks/penalty.py)."""
 
 def sharp_penalty(
     basis: Basis,
-    kappa: Field,
-    on_faces: Float,
+    kappa: Field | Tensor,
+    on_faces: OnFaces,
     blocks: Float | None,
     natural: Int | None = None,
     units: UnitForms | None = None,
@@ -43,9 +45,9 @@ def sharp_penalty(
     Parameters
     ----------
     basis : Basis
-    kappa : number, ``(n_cells,)`` or callable
+    kappa : number, ``(n_cells,)``, callable or Tensor
         The coefficient.
-    on_faces : (n_faces, 2, 1) or (t, 2, q) float
+    on_faces : OnFaces
         The coefficient on both face sides, at the Gauss points of the face pieces for a callable.
     blocks : (n_cells, n_local, n_local) float, or None
         ∫ κ∇φ_i·∇φ_j per cell; not needed if there are ``units``.
@@ -63,7 +65,7 @@ def sharp_penalty(
     penalised = np.ones(basis.mesh.n_faces, bool)
     if natural is not None:
         penalised[natural] = False
-    if units is not None and not callable(kappa):
+    if units is not None and not callable(kappa) and not isinstance(kappa, Tensor):
         requirements, resolved = units.asked(kappa, penalised)
     else:
         assert blocks is not None
@@ -77,7 +79,7 @@ def sharp_penalty(
 
 
 def _plane_requirements(
-    basis: Basis, on_faces: Float, blocks: Float, penalised: np.ndarray
+    basis: Basis, on_faces: OnFaces, blocks: Float, penalised: np.ndarray
 ) -> tuple[Float, np.ndarray]:
     """Return the penalties ``(n_faces, 2)`` that cells require on their faces, by eigenvalues in 2-D.
 
@@ -87,7 +89,8 @@ def _plane_requirements(
     from agglo_polydg_mg.forms.trace_kernels import side_penalties
 
     mesh = basis.mesh
-    rule = basis.degree if on_faces.shape[2] == 1 else on_faces.shape[2]
+    count = on_faces.kappa.shape[2]
+    rule = basis.degree if count == 1 else count
     points, (offsets, faces), sides = mesh.local_points, mesh.cell_faces, (mesh.face_pairs, mesh.face_cells)
     of_cells, requirements = (basis.boxes, basis.scale, basis.fill, blocks), np.zeros((mesh.n_faces, 2))
 
@@ -95,14 +98,14 @@ def _plane_requirements(
         cell_data = [a[start:stop] for a in of_cells]
         shape = points, offsets[start : stop + 1], faces, *sides, start
         return np.asarray(
-            side_penalties(*shape, penalised, *cell_data, on_faces, *gauss(rule), basis.degree, requirements)
+            side_penalties(*shape, penalised, *cell_data, *on_faces, *gauss(rule), basis.degree, requirements)
         )
 
     return requirements, np.concatenate(over_ranges(ask, mesh.n_cells, few=COSTLY))
 
 
 def _by_simplices(
-    basis: Basis, kappa: Field, on_faces: Float, penalised: np.ndarray, thin: np.ndarray
+    basis: Basis, kappa: Field | Tensor, on_faces: OnFaces, penalised: np.ndarray, thin: np.ndarray
 ) -> Float:
     """Return the penalties ``(n_faces, 2)`` that ``thin`` cells ``(n_cells,)`` require on their faces.
 
@@ -124,16 +127,27 @@ def _by_simplices(
             f"cells {cells} overlap themselves, or are flat: no simplex fits into them on some face"
         )
     # 2. Largest ωκ on each face, number of faces and least κ of each cell
-    kappa_in, kappa_out = on_faces[:, 0], on_faces[:, 1]
+    kappa_in, kappa_out = on_faces.kappa[:, 0], on_faces.kappa[:, 1]
     half = 0.5 * kappa_in * (kappa_out / (kappa_in + kappa_out))  # ωκ/2, equal from both sides
-    most = _largest_per_face(
-        np.where(_of_rows(mesh, inner, kappa_in)[:, None], half, kappa_in).max(axis=1), mesh
+    rows = np.where(_of_rows(mesh, inner, kappa_in)[:, None], half, kappa_in)
+    most = np.stack(
+        [_largest_per_face((rows * _share(kappa, on_faces, k)).max(axis=1), mesh) for k in (0, 1)], axis=1
     )
     n_faces = np.bincount(sides.ravel(), counts.ravel(), mesh.n_cells)
     least = _least_kappa(mesh, kappa, p)
-    return np.asarray(
-        counts * (p * (p + mesh.dim - 1) * most)[:, None] * n_faces[sides] / (heights * least[sides])
-    )
+    return np.asarray(counts * p * (p + mesh.dim - 1) * most * n_faces[sides] / (heights * least[sides]))
+
+
+def _share(kappa: Field | Tensor, on_faces: OnFaces, side: int) -> Float | float:
+    """Return the factor by which the flux of a tensor exceeds a multiple of the energy density.
+
+    With d = κn / (n·κn), (d·∇v)² <= ∇v·κ∇v / (n·κn), and (d·∇v)² <= |d|² |∇v|² if κ varies in the cell.
+    """
+    if not isinstance(kappa, Tensor):
+        return 1.0
+    if kappa.by_cell:
+        return 1.0 / on_faces.kappa[:, side]
+    return np.asarray((on_faces.directions[:, side] ** 2).sum(axis=2))
 
 
 def _of_rows(mesh: Mesh, values: np.ndarray, rows: Float) -> np.ndarray:
@@ -151,8 +165,16 @@ def _largest_per_face(rows: Float, mesh: Mesh) -> Float:
     return np.asarray(np.maximum.reduceat(rows, starts))
 
 
-def _least_kappa(mesh: Mesh, kappa: Field, degree: int) -> Float:
-    """Return the least κ per cell ``(n_cells,)``, for a callable over the quadrature points."""
+def _least_kappa(mesh: Mesh, kappa: Field | Tensor, degree: int) -> Float:
+    """Return the least κ per cell ``(n_cells,)``, for a callable over the quadrature points.
+
+    For a callable tensor it is the least eigenvalue, and 1 for one that is constant in each cell.
+    """
+    if isinstance(kappa, Tensor) and kappa.by_cell:
+        return np.ones(mesh.n_cells)
+    if isinstance(kappa, Tensor):
+        given = kappa
+        return _least_kappa(mesh, lambda x: np.linalg.eigvalsh(given.at(x, None))[:, 0], degree)
     if not callable(kappa):
         return np.broadcast_to(np.asarray(kappa, float), (mesh.n_cells,))
     least = np.full(mesh.n_cells, np.inf)

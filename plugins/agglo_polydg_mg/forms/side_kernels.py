@@ -156,17 +156,43 @@ def _add_triangle(a, b, c, weighted, frame, rule, powers, xi, local):
 
 
 @helper
+def _add_slanted(a, b, c, weighted, frame, rule, powers, xi, directions, turned, normals):
+    """Add Σ_q weighted[q] d ξ^powers over a triangle for the direction d on each side of it.
+
+    ``directions (2, 1 or q, 3)`` are outward from the owner of the face, and ``normals (2, 3, k)`` from the
+    first cell of the side, the second one if ``turned``.
+    """
+    most = xi.shape[1] - 1
+    for q in range(len(rule)):
+        s, t = rule[q, 0], rule[q, 1]
+        for d in range(3):
+            x = (a[d] + s * (b[d] - a[d]) + t * (c[d] - a[d]) - frame[d]) / frame[3 + d]
+            xi[d, 0] = 1.0
+            for k in range(most):
+                xi[d, k + 1] = xi[d, k] * x
+        at = min(q, directions.shape[1] - 1)
+        for side in range(2):
+            direction = directions[1 - side if turned else side, at]
+            sign = -1.0 if turned else 1.0
+            for k in range(normals.shape[2]):
+                value = sign * weighted[q] * xi[0, powers[k, 0]] * xi[1, powers[k, 1]] * xi[2, powers[k, 2]]
+                for d in range(3):
+                    normals[side, d, k] += value * direction[d]
+
+
+@helper
 def _add_face(
-    points, face_offsets, face_vertices, f, vector, turned, sigma, kappa, inner, frame, rule, weights,
-    powers, xi, weighted, local, stiff, normal,
+    points, face_offsets, face_vertices, f, vector, turned, sigma, kappa, directions, inner, frame, rule,
+    weights, powers, xi, weighted, local, stiff, normals,
 ):  # fmt: skip
-    """Add ∫ γσ ξ^powers of a face to ``stiff``, and ∫ γ/2 n ξ^powers to ``normal``.
+    """Add ∫ γσ ξ^powers of a face to ``stiff``, and ∫ γ/2 n ξ^powers to ``normals[0]``.
 
     At the boundary κ replaces γ/2. The face is a fan of triangles about its first vertex, ``vector (3,)``
     its normal outward from the owner; ``turned`` is True if the owner is the second cell of the side. The
-    powers in ``normal`` have lower degree, < 2p.
+    powers in ``normals`` have lower degree, < 2p. With ``directions`` on both sides instead of n there are
+    two ``normals``.
     """
-    first, lower = face_offsets[f], normal.shape[1]
+    first, lower = face_offsets[f], normals.shape[2]
     a = points[face_vertices[first]]
     for k in range(first + 1, face_offsets[f + 1] - 1):
         b, c = points[face_vertices[k]], points[face_vertices[k + 1]]
@@ -182,7 +208,7 @@ def _add_face(
             size = -size
         # 2. γ/2 at each point, at the boundary κ. Triangles are numbered through all faces: each face
         # before f has two triangles fewer than vertices.
-        row = f if kappa.shape[2] == 1 else first - 2 * f + k - first - 1
+        row = f if len(kappa) == len(face_offsets) - 1 else first - 2 * f + k - first - 1
         for q in range(len(weights)):
             at = min(q, kappa.shape[2] - 1)
             kappa_0, kappa_1 = kappa[row, 0, at], kappa[row, 1, at]
@@ -192,12 +218,17 @@ def _add_face(
         # the side to the second.
         local[:] = 0.0
         _add_triangle(a, b, c, weighted, frame, rule, powers, xi, local)
-        size = -size if turned else size
-        x, y, z = x / size, y / size, z / size
-        for i in range(lower):
-            normal[0, i] += x * local[i]
-            normal[1, i] += y * local[i]
-            normal[2, i] += z * local[i]
+        if len(directions) > 0:
+            _add_slanted(
+                a, b, c, weighted, frame, rule, powers, xi, directions[row], turned, normals
+            )  # fmt: skip
+        else:
+            size = -size if turned else size
+            x, y, z = x / size, y / size, z / size
+            for i in range(lower):
+                normals[0, 0, i] += x * local[i]
+                normals[0, 1, i] += y * local[i]
+                normals[0, 2, i] += z * local[i]
         # γσ = 2σ · γ/2 inside; γ = κ at the boundary.
         factor = 2.0 * sigma if inner else sigma
         for i in range(len(local)):
@@ -264,20 +295,25 @@ def _add_own(form, gradients, sign, sums, T, terms, workspace, block):
 @kernel
 def side_blocks(
     points, face_offsets, face_vertices, face_cells, vectors, side_offsets, side_faces, side_cells, sides,
-    in_strip, slots, boxes, scale, sigma, kappa, rule, weights, powers, sums, lowered, terms, blocks,
+    in_strip, slots, boxes, scale, sigma, kappa, directions, rule, weights, powers, sums, lowered, terms,
+    blocks,
 ):  # fmt: skip
     """Add ∫ −{κ∇u·n}[v] − {κ∇v·n}[u] + γσ[u][v] over ``sides (k,)`` to the rows of ``in_strip`` cells.
 
     Each block ``(m, m)`` is stored in its row cell; ``slots (S, 2, 2)`` gives the block position for (owner
     or neighbour, owner or neighbour). ``kappa`` is the coefficient on both sides, per face ``(F, 2, 1)`` or
     per triangle point ``(t, 2, q)``; ``sigma (F,)`` the penalty without κ. Faces with σ = 0 are skipped.
-    ``vectors (F, 3)`` are normals outward from the owners. The tables come from ``monomials``.
+    ``vectors (F, 3)`` are normals outward from the owners. For a tensor κ is n·κn per triangle, and
+    ``directions (t, 2, 1 or q, 3)`` are κn / (n·κn). The tables come from ``monomials``.
     """
     n, degree = blocks.shape[1], powers[len(powers) - 1, 2] // 2
     table, lines = recurrences(degree), np.zeros((3, degree + 1, degree + 1))
     xi, frame, weighted = np.empty((3, 2 * degree + 1)), np.empty(6), np.empty(len(weights))
     local, stiff = np.empty(len(powers)), np.empty(len(powers))
-    normal, gradients = np.empty((3, len(powers) - (degree + 1) * (2 * degree + 1))), np.empty((n, n))
+    n_directions = 2 if len(directions) > 0 else 1
+    normals = np.empty((n_directions, 3, len(powers) - (degree + 1) * (2 * degree + 1)))
+    all_gradients = np.empty((n_directions, n, n))
+    gradients, gradients_beyond = all_gradients[0], all_gradients[n_directions - 1]
     owner_T, neighbour_T, workspace = np.empty(len(terms)), np.empty(len(terms)), np.empty((4, n, n))
     for s in sides:
         owner, neighbour = side_cells[s, 0], side_cells[s, 1]
@@ -285,18 +321,19 @@ def side_blocks(
         # |α| < 2p in normal. Only this step depends on the number of faces.
         _frame(owner, neighbour, boxes, frame)
         stiff[:] = 0.0
-        normal[:] = 0.0
+        normals[:] = 0.0
         for h in range(side_offsets[s], side_offsets[s + 1]):
             f = side_faces[h]
             if sigma[f] != 0.0:
                 _add_face(
                     points, face_offsets, face_vertices, f, vectors[f], face_cells[f, 0] != owner, sigma[f],
-                    kappa, neighbour >= 0, frame, rule, weights, powers, xi, weighted, local, stiff,
-                    normal,
+                    kappa, directions, neighbour >= 0, frame, rule, weights, powers, xi, weighted, local,
+                    stiff, normals,
                 )  # fmt: skip
         # 2. Transform the form on the powers, Q, to the polynomials: T Q Tᵀ with the coefficients T of the
         # owner, then of the neighbour, whose values have the minus sign in the jump.
-        _gradients(normal, frame, lowered, powers, gradients)
+        for k in range(n_directions):
+            _gradients(normals[k], frame, lowered, powers, all_gradients[k])
         _in_powers(boxes[owner], scale[owner], frame, table, powers, terms, lines, owner_T)
         if in_strip[owner]:
             _add_own(stiff, gradients, 1.0, sums, owner_T, terms, workspace, blocks[slots[s, 0, 0]])
@@ -304,13 +341,15 @@ def side_blocks(
             continue
         _in_powers(boxes[neighbour], scale[neighbour], frame, table, powers, terms, lines, neighbour_T)
         if in_strip[neighbour]:
-            _add_own(stiff, gradients, -1.0, sums, neighbour_T, terms, workspace, blocks[slots[s, 1, 1]])
+            _add_own(
+                stiff, gradients_beyond, -1.0, sums, neighbour_T, terms, workspace, blocks[slots[s, 1, 1]]
+            )
         # 3. The coupling: v of the neighbour and u of the owner, −γσ vu + γ/2 v ∂u/∂n − γ/2 u ∂v/∂n, and
         # its transpose.
         whole, product = workspace[2], workspace[3]
         for a in range(n):
             for b in range(n):
-                whole[a, b] = gradients[a, b] - gradients[b, a] - stiff[sums[a, b]]
+                whole[a, b] = gradients[a, b] - gradients_beyond[b, a] - stiff[sums[a, b]]
         _transform_form(whole, neighbour_T, owner_T, terms, workspace, product)
         for j in range(n):
             for i in range(n):

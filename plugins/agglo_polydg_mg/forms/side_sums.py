@@ -6,30 +6,31 @@ import numpy as np
 
 from agglo_core.authoring import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.threads import COSTLY, over_ranges
+from agglo_polydg_mg.forms.face_quadrature import OnFaces
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import simplex_rule
 from agglo_polydg_mg.space.polynomials import monomials, orders
 
 
-def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: Float, blocks: Float) -> None:
+def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: OnFaces, blocks: Float) -> None:
     """Add the bilinear forms of ``sides (k,)`` to the matrix ``blocks`` in the rows of ``mine`` cells.
 
-    ``sigma (n_faces,)`` is the penalty, ``on_faces`` the
-    :func:`~agglo_polydg_mg.forms.face_quadrature.face_coefficients` for all faces.
+    ``sigma (n_faces,)`` is the penalty, ``on_faces`` the coefficient on all faces, from
+    :func:`~agglo_polydg_mg.forms.face_quadrature.on_both_sides`.
     """
     from agglo_polydg_mg.forms.side_kernels import side_blocks
 
     mesh, p, all_sides = basis.mesh, basis.degree, basis.sides
     if basis.walk is not None:
         sides = sides[np.argsort(basis.walk.turns[all_sides.cells[sides, 0]], kind="stable")]
-    rule = _rule(p + 1, on_faces)
+    rule = _rule(p + 1, on_faces.kappa)
     of_faces = mesh.face_offsets, mesh.face_vertices, mesh.face_cells, mesh.face_normals
     of_sides = all_sides.offsets, all_sides.faces, all_sides.cells, frozen_int(sides), mine, basis.pattern[3]
-    frames = basis.boxes, basis.scale, frozen_float(sigma), on_faces
+    frames = basis.boxes, basis.scale, frozen_float(sigma), *on_faces
     side_blocks(mesh.local_points, *of_faces, *of_sides, *frames, *rule, *monomials(p), blocks)
 
 
-def solid_requirements(basis: Basis, on_faces: Float, blocks: Float, held: Mask) -> tuple[Float, Mask]:
+def solid_requirements(basis: Basis, on_faces: OnFaces, blocks: Float, held: Mask) -> tuple[Float, Mask]:
     """Return the penalties ``(n_faces, 2)`` that polyhedra require on penalised faces, ``held``.
 
     The second result is a mask of cells that are not too thin for the eigenvalue problem. As in 2-D, with
@@ -40,7 +41,7 @@ def solid_requirements(basis: Basis, on_faces: Float, blocks: Float, held: Mask)
     # 1. Arrays in the order of the walk
     mesh, p, all_sides = basis.mesh, basis.degree, basis.sides
     requirements = np.zeros((len(all_sides.cells), 2))
-    form_data = held, on_faces, *_rule(p, on_faces), orders(p, 3)
+    form_data = held, *on_faces, *_rule(p, on_faces.kappa), orders(p, 3)
     of_cells = basis.boxes, basis.scale, basis.fill, blocks
     offsets, sides, face_cells, side_cells = (
         all_sides.cell_offsets,
@@ -73,7 +74,7 @@ def solid_requirements(basis: Basis, on_faces: Float, blocks: Float, held: Mask)
     return of_faces, resolved
 
 
-def _rule(n: int, on_faces: Float) -> tuple[Float, Float]:
+def _rule(n: int, kappa: Float) -> tuple[Float, Float]:
     """Return a quadrature rule on triangles, at the points where κ is sampled, or with n per direction."""
-    count = on_faces.shape[2]
+    count = kappa.shape[2]
     return simplex_rule(2, n if count == 1 else round(np.sqrt(count)))

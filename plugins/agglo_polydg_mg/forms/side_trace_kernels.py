@@ -54,8 +54,8 @@ def _add_form(slopes, mass, n, form):
 
 @helper
 def _trace_face(
-    points, face_offsets, face_vertices, f, vector, side, outer, kappa, rule, weights, orders, box, scale,
-    factor, workspace, form,
+    points, face_offsets, face_vertices, f, vector, side, outer, kappa, directions, rule, weights, orders,
+    box, scale, factor, workspace, form,
 ):  # fmt: skip
     """Add the matrix L⁻¹ T_F L⁻ᵀ of a face to that of its side, and return the face area.
 
@@ -85,12 +85,16 @@ def _trace_face(
         # 2. y = L⁻¹ ∂φ/∂n at the points of the triangle, with the weights of T_F: c = ωκ/2 inside, κ at the
         # boundary. Triangles are numbered through all faces: each face before f has two triangles fewer
         # than vertices.
-        row = f if kappa.shape[2] == 1 else first - 2 * f + k - first - 1
+        row = f if len(kappa) == len(face_offsets) - 1 else first - 2 * f + k - first - 1
         for q in range(len(weights)):
             at = min(q, kappa.shape[2] - 1)
             kappa_0, kappa_1 = kappa[row, side, at], kappa[row, 1 - side, at]
             share = kappa_0 if outer else 0.5 * kappa_0 * (kappa_1 / (kappa_0 + kappa_1))
             s, t = rule[q, 0], rule[q, 1]
+            if len(directions) > 0:
+                direction = directions[row, side, min(q, directions.shape[2] - 1)]
+                for axis in range(3):
+                    normal[axis] = scale * direction[axis] / box[3 + axis]
             _normal_slopes(
                 (a[0] + s * (b[0] - a[0]) + t * (c[0] - a[0]) - box[0]) / box[3],
                 (a[1] + s * (b[1] - a[1]) + t * (c[1] - a[1]) - box[1]) / box[4],
@@ -105,13 +109,15 @@ def _trace_face(
 @kernel
 def solid_penalties(
     points, face_offsets, face_vertices, face_cells, vectors, side_offsets, side_faces, side_cells, offsets,
-    cell_sides, first_cell, boxes, scale, fill, blocks, penalised, kappa, rule, weights, orders, penalties,
+    cell_sides, first_cell, boxes, scale, fill, blocks, penalised, kappa, directions, rule, weights, orders,
+    penalties,
 ):  # fmt: skip
     """Compute the ``penalties (S, 2)`` that cells from ``first_cell`` on require on their sides.
 
     As in ``side_penalties`` of ``trace_kernels``, but all faces of a side have one s; only ``penalised``
     faces count. ``kappa`` is the coefficient on both sides, per face ``(F, 2, 1)`` or per triangle point
-    ``(t, 2, q)``; ``vectors (F, 3)`` are normals outward from the owners.
+    ``(t, 2, q)``; ``vectors (F, 3)`` are normals outward from the owners. For a tensor
+    κ is n·κn, and ``directions (t, 2, 1 or q, 3)`` are κn / (n·κn).
     """
     n, n_cells, most = len(orders) - 1, len(offsets) - 1, most_faces(offsets)
     degree = orders[len(orders) - 1, 2]
@@ -144,7 +150,7 @@ def solid_penalties(
                     side = 0 if face_cells[f, 0] == first_cell + c else 1
                     areas[k] += _trace_face(
                         points, face_offsets, face_vertices, f, vectors[f], side, side_cells[s, 1] < 0, kappa,
-                        rule, weights, orders, boxes[c], scale[c], factor, tracing, forms[k],
+                        directions, rule, weights, orders, boxes[c], scale[c], factor, tracing, forms[k],
                     )  # fmt: skip
         # 3. s_F for all sides of these cells.
         balance(

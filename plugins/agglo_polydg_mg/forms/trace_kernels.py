@@ -69,7 +69,7 @@ def _trace_workspace(rules, degree, n):
 @helper
 def _trace(
     points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, penalised, boxes, scale, fill,
-    blocks, kappa, nodes, weights, n, workspace, forms, base, lengths, resolved,
+    blocks, kappa, directions, nodes, weights, n, workspace, forms, base, lengths, resolved,
 ):  # fmt: skip
     """Compute the matrix of the trace inequality on each face h of the cells ``begin`` to ``end``.
 
@@ -112,6 +112,10 @@ def _trace(
                 masses[q] = 0.5 * weights[q] * length * share
                 s = 0.5 * (1.0 + nodes[q])
                 x, y = ax + s * ex * wide, ay + s * ey * high
+                if len(directions) > 0:
+                    direction = directions[f, side, min(q, directions.shape[2] - 1)]
+                    tx, ty = along_box(direction[0], direction[1], boxes[c])
+                    along_x, along_y = scale[c] * tx * wide, scale[c] * ty * high
                 _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q)
                 whiten(slopes, q, factor, n)
             lengths[k] = length
@@ -121,7 +125,7 @@ def _trace(
 @kernel
 def side_penalties(
     points, offsets, faces, face_vertices, face_cells, first_cell, penalised, boxes, scale, fill, blocks,
-    kappa, nodes, weights, degree, penalties,
+    kappa, directions, nodes, weights, degree, penalties,
 ):  # fmt: skip
     """Compute the ``penalties (F, 2)`` that cells from ``first_cell`` on require on their faces.
 
@@ -130,7 +134,7 @@ def side_penalties(
     s_F <= S. The result ``(n,)`` is False for cells whose S is singular to rounding: they require nothing.
     Only ``penalised`` faces have a penalty. ``fill (n,)`` is the fraction of its bounding box that a cell
     fills; ``kappa (F, 2, 1 or q)`` the coefficient on both sides, ``nodes`` and ``weights (q,)`` a Gauss
-    rule.
+    rule. For a tensor κ is n·κn, and derivatives are along ``directions (F, 2, 1 or q, 2)`` κn / (n·κn).
     """
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
     resolved, forms = np.ones(n_cells, np.bool_), np.zeros((most, (n * (n + 1)) // 2 + 1))
@@ -141,7 +145,8 @@ def side_penalties(
         end, start = min(begin + LANES, n_cells), offsets[begin]
         _trace(
             points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, penalised, boxes,
-            scale, fill, blocks, kappa, nodes, weights, n, tracing, forms, start, lengths, resolved,
+            scale, fill, blocks, kappa, directions, nodes, weights, n, tracing, forms, start, lengths,
+            resolved,
         )  # fmt: skip
         balance(
             offsets, faces, face_cells, first_cell, begin, end, forms, start, shares, lengths, n, workspace,
@@ -153,7 +158,7 @@ def side_penalties(
 @kernel
 def whitened_forms(
     points, offsets, faces, face_vertices, face_cells, first_cell, penalised, boxes, scale, fill, blocks,
-    kappa, nodes, weights, degree, forms,
+    kappa, directions, nodes, weights, degree, forms,
 ):  # fmt: skip
     """Compute the matrices T_F of :func:`side_penalties` in bases orthonormal in the energy product.
 
@@ -170,7 +175,8 @@ def whitened_forms(
         end = min(begin + LANES, n_cells)
         _trace(
             points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, penalised, boxes,
-            scale, fill, blocks, kappa, nodes, weights, n, workspace, forms, 0, lengths, resolved,
+            scale, fill, blocks, kappa, directions, nodes, weights, n, workspace, forms, 0, lengths,
+            resolved,
         )  # fmt: skip
     return resolved
 

@@ -13,6 +13,8 @@ from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.gauss_points import gauss
 
+NORMALS: Final = frozen_float(np.zeros((0, 2, 1, 2)))
+"""Directions of kernels for scalar coefficients: fluxes along the normals of faces."""
 _MOST: Final = 2**31
 """Memory limit in bytes; a basis needs about twice the matrix size, 2.5 kB per triangle with p = 2."""
 
@@ -79,14 +81,15 @@ class UnitForms:
         forms = np.zeros((len(faces), (m - 1) * m // 2 + 1))
         of_cells, rule = (basis.boxes, basis.scale, basis.fill, self.stiffness), gauss(basis.degree)
         penalised, ones = np.ones(mesh.n_faces, bool), np.where(mesh.face_cells[:, 1] < 0, 1.0, 4.0)
-        on_faces = frozen_float(np.stack((ones, ones), axis=1)[:, :, None])  # gives ωκ/2 = 1
+        # κ that gives ωκ/2 = 1, and no directions other than normals
+        on_faces = frozen_float(np.stack((ones, ones), axis=1)[:, :, None]), NORMALS
 
         # 2. Forms, cell range by cell range
         def write(start: int, stop: int) -> np.ndarray:
             cell_data = [a[start:stop] for a in of_cells]
             shape = points, offsets[start : stop + 1], faces, *sides, start
             return np.asarray(
-                whitened_forms(*shape, penalised, *cell_data, on_faces, *rule, basis.degree, forms)
+                whitened_forms(*shape, penalised, *cell_data, *on_faces, *rule, basis.degree, forms)
             )
 
         resolved = np.concatenate(over_ranges(write, mesh.n_cells, few=COSTLY))

@@ -86,7 +86,8 @@ class Numbering:
             values = np.asarray(field, dtype=float)
         except (TypeError, ValueError):
             return field
-        return values[self.cells] if values.shape == np.shape(self.cells) else field
+        by_cell = values.ndim in (1, 3) and len(values) == np.size(self.cells)  # 3 axes: tensors
+        return values[self.cells] if by_cell else field
 
     def solution(self, solution: Solution) -> Solution:
         """Convert a solution to the user's numbering.

@@ -20,6 +20,7 @@ from agglo_polydg_mg.forms.sides import Sides, sides_of
 from agglo_polydg_mg.space.polynomials import legendre, n_polynomials, orders, products, slopes
 from agglo_polydg_mg.space.quadrature import moments, per_cell, weighted_moments
 from agglo_polydg_mg.space.solid_geometry import boxes_of_solids
+from agglo_polydg_mg.space.tensors import Tensor
 from agglo_polydg_mg.space.walk import Walk, walk_through
 
 _FILL = 0.1
@@ -235,13 +236,40 @@ class Basis:
         return block_diagonal(self.mass_blocks)
 
 
-def stiffness(basis: Basis, kappa: Field) -> Float:
-    """Return the stiffness matrix ∫ κ∇φ_i·∇φ_j per cell ``(n_cells, n_local, n_local)``."""
+def stiffness(basis: Basis, kappa: Field | Tensor) -> Float:
+    """Return the stiffness matrix ∫ ∇φ_i·κ∇φ_j per cell ``(n_cells, n_local, n_local)``."""
+    if isinstance(kappa, Tensor):
+        return _tensor_stiffness(basis, kappa)
     integrals = basis.weighted_moments(kappa, 2 * basis.degree - 2, "kappa")
     integrals *= (basis.scale**2)[:, None]
     along = [integrals / half[:, None] ** 2 for half in basis.halves.T]
     once = [tuple(row) for row in np.eye(len(along), dtype=int).tolist()]
     return products(along, basis.degree, once)
+
+
+def _tensor_stiffness(basis: Basis, kappa: Tensor) -> Float:
+    dim, degree = basis.mesh.dim, 2 * basis.degree - 2
+    # 1. Moments of the entries, along the axes of the boxes
+    pairs = [(i, j) for i in range(dim) for j in range(i, dim)]
+    if kappa.by_cell:
+        unit = basis.weighted_moments(1.0, degree, "kappa")
+        entries = {(i, j): unit * kappa.field[:, i, j, None] for i, j in pairs}
+    else:
+        entries = {(i, j): kappa.moments(i, j, basis.boxes, degree) for i, j in pairs}
+    if dim == 2:
+        c, s = basis.boxes[:, 4:].T[:, :, None]
+        xx, xy, yy = entries[0, 0], entries[0, 1], entries[1, 1]
+        entries = {
+            (0, 0): c * c * xx + 2.0 * c * s * xy + s * s * yy,
+            (0, 1): c * s * (yy - xx) + (c * c - s * s) * xy,
+            (1, 1): s * s * xx - 2.0 * c * s * xy + c * c * yy,
+        }
+    # 2. Products of the derivatives along two axes
+    once = [tuple(row) for row in np.eye(dim, dtype=int).tolist()]
+    scale, halves = (basis.scale**2)[:, None], basis.halves
+    weights = [m * scale / (halves[:, i] * halves[:, j])[:, None] for (i, j), m in entries.items()]
+    first, second = ([once[pair[at]] for pair in entries] for at in (0, 1))
+    return products(weights, basis.degree, first, second)
 
 
 def block_diagonal(blocks: Float) -> sparse.bsr_array:

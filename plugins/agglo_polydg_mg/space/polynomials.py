@@ -52,20 +52,26 @@ def slopes(values: Float) -> Float:
     return result
 
 
-def products(integrals: list[Float], degree: int, derivatives: list[tuple[int, ...]]) -> Float:
+def products(
+    integrals: list[Float],
+    degree: int,
+    derivatives: list[tuple[int, ...]],
+    others: list[tuple[int, ...]] | None = None,
+) -> Float:
     """Return the integrals ``(n, m, m)`` of products of two polynomial derivatives, summed over a list.
 
     A product of two Legendre polynomials is a sum of Legendre polynomials, so the only cell data are the
     integrals ``(n, k)`` of polynomials up to the product degree. Each array in the list is paired with one
-    tuple of differentiation orders along the axes.
+    tuple of differentiation orders along the axes. If the second factors have ``others``, the products with
+    exchanged orders are added, unless both are equal.
     """
     from agglo_polydg_mg.space.legendre_kernels import sparse_products
 
     size = n_polynomials(degree, len(derivatives[0]))
     blocks = np.zeros((len(integrals[0]), size, size))
-    for weights, orders_of in zip(integrals, derivatives, strict=True):
+    for weights, first, second in zip(integrals, derivatives, others or derivatives, strict=True):
         values = frozen_float(weights)
-        terms = _expansion(degree, _degree_of(weights.shape[1], len(orders_of)), orders_of)
+        terms = _expansion(degree, _degree_of(weights.shape[1], len(first)), first, second)
         over_ranges(
             lambda start, stop: sparse_products(values[start:stop], *terms, blocks[start:stop]),  # noqa: B023
             len(blocks),
@@ -79,7 +85,9 @@ def _degree_of(count: int, dim: int) -> int:
 
 
 @cache
-def _expansion(degree: int, most: int, derivatives: tuple[int, ...]) -> tuple[Int, Int, Float]:
+def _expansion(
+    degree: int, most: int, derivatives: tuple[int, ...], others: tuple[int, ...]
+) -> tuple[Int, Int, Float]:
     """Expand products of two polynomial derivatives in polynomials up to degree ``most``.
 
     Returns the pairs ``(t, 2)``, the polynomials ``(t,)`` and the factors ``(t,)`` of the nonzero terms.
@@ -87,22 +95,25 @@ def _expansion(degree: int, most: int, derivatives: tuple[int, ...]) -> tuple[In
     dim = len(derivatives)
     powers, sums = orders(degree, dim), orders(most, dim)
     first, second = np.tril_indices(len(powers))
-    table = np.ones((len(sums), len(first)))
-    for axis, derivative in enumerate(derivatives):
-        axis_table = _triple(degree, derivative)
-        table *= axis_table[powers[first, axis], powers[second, axis], sums[:, axis, None]]
+    table = np.zeros((len(sums), len(first)))
+    for ordered in {(derivatives, others), (others, derivatives)}:
+        product = np.ones(table.shape)
+        for axis, (one, other) in enumerate(zip(*ordered, strict=True)):
+            axis_table = _triple(degree, one, other)
+            product *= axis_table[powers[first, axis], powers[second, axis], sums[:, axis, None]]
+        table += product
     pairs, columns = np.nonzero(np.abs(table.T) > 1e-13 * np.abs(table).max())
     places = np.stack((first[pairs], second[pairs]), axis=1)
     return frozen_int(places), frozen_int(columns), frozen_float(table[columns, pairs])
 
 
 @cache
-def _triple(degree: int, derivative: int) -> Float:
-    """Return the integrals of L_i⁽ᵈ⁾ L_k⁽ᵈ⁾ L_a over [−1, 1], a <= 2 degree."""
+def _triple(degree: int, one: int, other: int) -> Float:
+    """Return the integrals of L_i⁽ᵈ⁾ L_k⁽ᵉ⁾ L_a over [−1, 1], a <= 2 degree, for orders d and e."""
     nodes, weights = gauss(2 * degree + 1)
     values = legendre(nodes, 2 * degree)
-    low = slopes(values[: degree + 1]) if derivative else values[: degree + 1]
-    return np.asarray(np.einsum("iq,kq,aq,q->ika", low, low, values, weights))
+    low = values[: degree + 1], slopes(values[: degree + 1])
+    return np.asarray(np.einsum("iq,kq,aq,q->ika", low[one], low[other], values, weights))
 
 
 class Monomials(NamedTuple):

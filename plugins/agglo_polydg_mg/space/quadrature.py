@@ -212,8 +212,8 @@ def per_cell(field: float | Float, n: int, name: str) -> Float:
     return np.broadcast_to(values, (n,))
 
 
-def sample(field: Callable[[Float], Float], points: Float, name: str) -> Float:
-    """Evaluate a callable at ``points (q, d)`` in user coordinates, and check the values ``(q,)``.
+def sample(field: Callable[[Float], Float], points: Float, name: str, shape: tuple[int, ...] = ()) -> Float:
+    """Evaluate a callable at ``points (q, d)`` in user coordinates, and check the values ``(q, *shape)``.
 
     Raises
     ------
@@ -232,10 +232,10 @@ def sample(field: Callable[[Float], Float], points: Float, name: str) -> Float:
         values = frozen_float(returned)
     except MeshError as error:
         raise OptionError(f"{name} did not return real numbers for {len(points)} points: {error}") from None
-    if values.shape not in ((), (len(points),)):
+    if values.shape not in (shape, (len(points), *shape)):
         raise OptionError(f"{name} returned shape {values.shape} for {len(points)} points")
     _require_finite(values, name)
-    return np.broadcast_to(values, (len(points),))
+    return np.broadcast_to(values, (len(points), *shape))
 
 
 def _require_finite(values: Float, name: str) -> None:
