@@ -46,6 +46,14 @@ MESHES = {
     "agglomerated tetrahedra": joined(sides_tagged(samples.tetrahedra(2)), 10),
 }
 
+
+def tensor(x: Array) -> Array:
+    """Full tensor that varies in space."""
+    dim = x.shape[1]
+    directions = np.stack([np.cos(x[:, 0]), np.sin(x[:, 0]), x[:, 1]][:dim], axis=1)
+    return np.asarray(0.1 * np.eye(dim) + directions[:, :, None] * directions[:, None])
+
+
 DATA = {
     "numbers": Diffusion(source=2.0, dirichlet={1: 1.0, 2: 3.0}, neumann={3: 0.5}),
     "cell values": Diffusion(
@@ -64,6 +72,7 @@ DATA = {
         dirichlet={1: 2.0},
         robin={2: (lambda x: 1.0 + x[:, 1], 3.0)},
     ),
+    "tensor": Diffusion(kappa=tensor, source=1.0, dirichlet={1: lambda x: x[:, 1]}, neumann={2: 1.0}),
 }
 
 
@@ -104,6 +113,17 @@ def test_given_fluxes_are_those_of_neumann_faces() -> None:
     assert fluxes[tags == 2].sum() == pytest.approx(-1.0 / 3.0, rel=1e-12)
     assert not fluxes[tags == 3].any()
     assert fluxes[tags == 1].sum() == pytest.approx(1.0 + 1.0 / 3.0, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_the_flux_of_a_linear_function_is_that_of_a_tensor(name: str) -> None:
+    mesh, slope = MESHES[name], np.array([2.0, -1.0, 0.5])
+    slope = slope[: mesh.dim]
+    K = tensor(np.full((1, mesh.dim), 0.7))[0]
+    problem = Diffusion(kappa=K, source=0.0, dirichlet=dict.fromkeys((1, 2, 3), lambda x: x @ slope))
+    solution = agglo.solve(mesh, problem, solver="direct", degree=1, penalty="sharp")
+    expected = -mesh.face_measures * (mesh.face_normals @ (K @ slope))
+    np.testing.assert_allclose(solution.fluxes(), expected, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", MESHES)

@@ -10,10 +10,11 @@ from agglo_core.authoring import Diffusion, Field, Float, Int, Mesh, frozen_floa
 from agglo_polydg_mg.forms.assembly import jump_penalty
 from agglo_polydg_mg.forms.boundary import boundary_faces, boundary_values, natural_values, robin_alpha
 from agglo_polydg_mg.forms.coefficients import positive
-from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_coefficients, face_rule, on_pieces
+from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule, on_both_sides, on_pieces
 from agglo_polydg_mg.forms.norms import offset_of
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.tensors import Tensor
 
 _FACES = 10_000  # per batch: limits the memory for gradients of the basis at quadrature points
 
@@ -61,7 +62,7 @@ class _State(NamedTuple):
     basis: Basis
     coefficients: Float
     offset: Float
-    kappa: Field
+    kappa: Field | Tensor
     problem: Diffusion
 
 
@@ -72,18 +73,22 @@ def _through_faces(state: _State, mesh: Mesh, sigma: Float) -> Float:
     natural[boundary.natural] = True
     result = np.zeros(mesh.n_faces)
     for start in range(0, mesh.n_faces, _FACES):
-        # 1. Quadrature points, and κ on both sides
+        # 1. Quadrature points, and on both sides n·κn and the direction of the derivative: n, or κn / n·κn
         faces = frozen_int(np.arange(start, min(start + _FACES, mesh.n_faces)))
         rule = face_rule(mesh, faces, n)
-        kappa = on_pieces(face_coefficients(mesh, state.kappa, faces, n), faces, rule)
+        on_faces = on_both_sides(mesh, state.kappa, faces, n)
+        kappa, directions = on_pieces(on_faces.kappa, faces, rule), rule.normals[:, None, None]
+        if len(on_faces.directions):
+            directions = on_pieces(on_faces.directions, faces, rule)
+        directions = np.broadcast_to(directions, (len(kappa), 2, *directions.shape[2:]))
         first, second = mesh.face_cells[rule.faces].T
         inner, free = np.flatnonzero(second >= 0), np.flatnonzero(natural[rule.faces])
         fixed = np.flatnonzero((second < 0) & ~natural[rule.faces])
         # 2. Normal derivatives and jumps: to the second cell, or to the Dirichlet data
         points = rule.points + (mesh.origin - state.basis.mesh.origin)
-        values, slope = _traces(state, first, points, rule.normals)
+        values, slope = _traces(state, first, points, directions[:, 0])
         jump = values.copy()
-        others, slopes = _traces(state, second[inner], points[inner], rule.normals[inner])
+        others, slopes = _traces(state, second[inner], points[inner], directions[inner, 1])
         jump[inner] -= others
         slope[inner] += slopes
         part = _part(rule, fixed)
@@ -114,12 +119,15 @@ def _part(rule: FaceRule, pieces: Int) -> FaceRule:
     )
 
 
-def _traces(state: _State, cells: Int, points: Float, normals: Float) -> tuple[Float, Float]:
-    """Return values and normal derivatives ``(t, q)`` in ``cells (t,)`` at ``points (t, q, d)``."""
+def _traces(state: _State, cells: Int, points: Float, directions: Float) -> tuple[Float, Float]:
+    """Return values and derivatives ``(t, q)`` in ``cells (t,)`` at ``points (t, q, d)``.
+
+    ``directions`` are ``(t, 1, d)`` or ``(t, q, d)``.
+    """
     count, n, dim = points.shape
     rows, flat = np.repeat(cells, n), points.reshape(-1, dim)
     own = state.coefficients[rows]
     values = np.einsum("qk,qk->q", state.basis.values(rows, flat), own)
     slopes = np.einsum("qdk,qk->qd", state.basis.gradients(rows, flat), own)
-    normal = np.einsum("qd,qd->q", slopes, np.repeat(normals, n, axis=0))
-    return values.reshape(count, n), normal.reshape(count, n)
+    along = (slopes.reshape(count, n, dim) * directions).sum(axis=2)
+    return values.reshape(count, n), along
