@@ -15,6 +15,15 @@ _ROUND = 0.8
 _CHUNK = 256  # points at a time: their products stay in the first cache
 
 
+@helper
+def largest_block(offsets):
+    """Return the number of cells in the largest block."""
+    largest = 0
+    for b in range(len(offsets) - 1):
+        largest = max(largest, offsets[b + 1] - offsets[b])
+    return largest
+
+
 @kernel(reorder_sums=True)
 def moment_sums(points, shares, centre, pairs):
     """Return the sums Σ s r_i r_j for P ``pairs (P, 2)`` of axes, and Σ s q r_i r_j ``(d + P, P)``.

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
-from agglo_core.compiled.frames import centre_block, half_circle, halvings, planar_frame, turned
+from agglo_core.compiled.frames import (
+    centre_block,
+    half_circle,
+    halvings,
+    largest_block,
+    planar_frame,
+    turned,
+)
 
 NO_CUT = 1e300  # cost without a valid threshold; finite, because differences are computed
 # Number of bins, even, so that the middle of a symmetric score is a threshold. More bins find shorter cuts,
@@ -223,7 +230,7 @@ def _centre_column(start, n, column, shares, score):
 @kernel
 def sweep_level(offsets, indptr, indices, interface, centroids, weights, measures, scores):
     """Bisect each block at the cheapest threshold over all columns of ``scores (n, C)``."""
-    largest = np.diff(offsets).max()
+    largest = largest_block(offsets)
     local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
     bins, tally, edge_arrays = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)
     sides = np.empty(len(weights), np.int64)
@@ -248,7 +255,7 @@ def sweep_level(offsets, indptr, indices, interface, centroids, weights, measure
 @kernel
 def sweep_axes(offsets, indptr, indices, interface, centroids, weights, measures, count):
     """Bisect each 2-D block at the cheapest threshold of the coordinates along ``count`` axes."""
-    largest = np.diff(offsets).max()
+    largest = largest_block(offsets)
     local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
     bins, tally, edge_arrays = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)
     sides, turns, finer = np.empty(len(weights), np.int64), half_circle(count), halvings(count, 0)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.compiled.frames import largest_block
 
 
 @helper
@@ -57,13 +58,15 @@ def nearest_faces(corners, offsets, faces, planes, width, height):
     """
     nearest = np.full((height, width), -1, np.int64)
     depth = np.full((height, width), -np.inf)
-    crossings = np.empty(max(1, np.diff(offsets).max()))
+    crossings = np.empty(max(1, largest_block(offsets)))
     for face in faces:
         # 1. Rows with pixel centres between the lowest and the highest corner.
         low, high = offsets[face], offsets[face + 1]
-        polygon, plane = corners[low:high], planes[face]
-        z_max, z_min = polygon[:, 2].max(), polygon[:, 2].min()
-        top, bottom = np.ceil(polygon[:, 1].min() - 0.5), np.ceil(polygon[:, 1].max() - 0.5)
+        plane, y_min, y_max, z_min, z_max = planes[face], np.inf, -np.inf, np.inf, -np.inf
+        for k in range(low, high):
+            y_min, y_max = min(y_min, corners[k, 1]), max(y_max, corners[k, 1])
+            z_min, z_max = min(z_min, corners[k, 2]), max(z_max, corners[k, 2])
+        top, bottom = np.ceil(y_min - 0.5), np.ceil(y_max - 0.5)
         for row in range(max(0, int(top)), min(height, int(bottom))):
             # 2. Pixels with centres inside the face, by the even-odd rule: from every second crossing to
             #    the next. Intervals are half-open, so that adjacent faces share no pixel.

@@ -70,12 +70,10 @@ def _product(indptr, indices, data, graph, to, weight, columns):
                 most += graph[indices[k] + 1] - graph[indices[k]]
             if m + most > size:
                 size = 2 * size + most
-                longer_columns = np.empty(size, np.int32)
-                longer_columns[:m] = product_columns[:m]
-                product_columns = longer_columns
-                longer_values = np.empty(size)
-                longer_values[:m] = values[:m]
-                values = longer_values
+                longer_columns, longer_values = np.empty(size, np.int32), np.empty(size)
+                for k in range(m):
+                    longer_columns[k], longer_values[k] = product_columns[k], values[k]
+                product_columns, values = longer_columns, longer_values
         # 2. Combine the rows of the second matrix with the entries in the row of the first.
         for k in range(indptr[i], indptr[i + 1]):
             a = data[k]

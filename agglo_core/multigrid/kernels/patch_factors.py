@@ -47,7 +47,8 @@ def patch_orders(offsets, parts, indptr, indices):
         # Reserve space for the blocks of this patch, fewer than size².
         if count + size * size > len(below):
             longer = np.empty(2 * len(below) + size * size, np.int32)
-            longer[:count] = below[:count]
+            for k in range(count):
+                longer[k] = below[k]
             below = longer
         # 2. Choose the first part j with the fewest remaining neighbours.
         for s in range(size):

@@ -71,7 +71,9 @@ def _factors(indptr, indices, data):
         inverse, upper = T[i], LT[i]
         for h in range(indptr[i], indptr[i + 1]):
             if indices[h] == i:
-                upper[:] = data[h]
+                for r in range(n):
+                    for c in range(n):
+                        upper[r, c] = data[h, r, c]
         # 1. Cholesky by rows: upper becomes Lᵀ. A missing block is 0 and fails here.
         for j in range(n):
             if not upper[j, j] > 0.0:

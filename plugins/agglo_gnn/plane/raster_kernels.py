@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agglo_core.authoring import helper, kernel
-from agglo_core.compiled.frames import centre_block, planar_frame
+from agglo_core.compiled.frames import centre_block, largest_block, planar_frame
 
 # The network is trained on rasters with these numbers: others require new training (benchmarks/gnn.py
 # bisection quality).
@@ -177,7 +177,7 @@ def describe(offsets, centroids, weights, measures):
     (numbered within the block, −1 for none) and shares ``(N,)``, the block features ``(B, 13)``, and the
     cells in their frames ``(n, 2)`` with their shares ``(n,)``.
     """
-    largest, total = np.diff(offsets).max(), len(weights)
+    largest, total = largest_block(offsets), len(weights)
     local, uv, shares = np.empty((3, largest)), np.empty((2, largest)), np.empty(largest)
     grid, place, nodes, near, areas, features = new_raster(largest)
     node_offsets = np.zeros(len(offsets), np.int64)
@@ -191,10 +191,12 @@ def describe(offsets, centroids, weights, measures):
         to_frame(n, local, shares, inertia, uv, features)
         count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)
         node_offsets[b + 1] = at + count
-        all_nodes[at : at + count] = nodes[:count]
-        all_near[at : at + count] = near[:count]
-        all_areas[at : at + count] = areas[:count]
-        all_features[b] = features
+        for i in range(count):
+            all_areas[at + i] = areas[i]
+            for k in range(4):
+                all_nodes[at + i, k], all_near[at + i, k] = nodes[i, k], near[i, k]
+        for k in range(len(features)):
+            all_features[b, k] = features[k]
         for i in range(n):
             cells[start + i, 0], cells[start + i, 1] = uv[0, i], uv[1, i]
             cell_shares[start + i] = shares[i]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import helper, kernel
-from agglo_core.compiled.frames import centre_block
+from agglo_core.compiled.frames import centre_block, largest_block
 from agglo_core.split import piece_frames
 
 _EVEN, _ODD = 16, 10  # numbers of features
@@ -216,7 +216,7 @@ def describe_solids(offsets, centroids, weights, measures):
     positions ``(n, 3)`` about the centres of mass with lengths scaled to inertia 3, shares ``(n,)``, and
     the inverse measure of typical sections ``(B,)``.
     """
-    blocks, total, largest = len(offsets) - 1, len(weights), np.diff(offsets).max()
+    blocks, total, largest = len(offsets) - 1, len(weights), largest_block(offsets)
     local, shares, workspace = np.empty((3, largest)), np.empty(largest), moment_room()
     even, odd, sections = np.empty((blocks, 6, _EVEN)), np.empty((blocks, 6, _ODD)), np.empty(blocks)
     frames, moments = np.empty((blocks, 3, 3)), np.empty((blocks, _END - _SECOND))
