@@ -82,7 +82,10 @@ def run_guide(guide: Path, folder: Path, server: subprocess.Popen[str]) -> Ended
 _LONG = (
     "README",
     "choose-a-strategy",
+    "cut-the-levels",
+    "interchange",
     "more-than-one-machine",
+    "read-a-report",
     "rules-for-parts",
     "three-dimensions",
     "train-a-model",
