@@ -8,8 +8,10 @@ import re
 import subprocess
 import sys
 import zipfile
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import fuzz.fuzz_files as fuzzer
 import numpy as np
@@ -23,25 +25,8 @@ from fuzz.several import SEVERAL, lay_out
 from agglo_core import AggloError, FileError, Mesh, PluginError, read, read_hierarchy, samples, write
 from agglo_core.arrays import trusted
 
-SHARE = {
-    ".vtu": 80,
-    ".npz": 60,
-    ".msh": 40,
-    **dict.fromkeys(FIELD, 20),
-    ".graph": 1400,
-    ".xyz": 300,
-    ".part.4": 300,
-    ".grf": 300,
-    ".map": 100,
-    ".mtx": 200,
-    ".system.npz": 200,
-    ".linear.toml": 100,
-    ".toml": 20,
-    ".problem.toml": 20,
-    ".safetensors": 20,
-    ".geojson": 20,
-}
-SLOW = [pytest.param(suffix, marks=() if suffix == ".toml" else pytest.mark.slow) for suffix in SHARE]
+NEWER = (".ovm", ".ply", ".vtkhdf", ".grf", ".map", ".mtx", ".system.npz", ".linear.toml")
+NEWER = [suffix for suffix in NEWER if suffix in fuzzer.SUFFIXES]
 MANY = {
     ".vtu": 650,
     ".npz": 480,
@@ -52,8 +37,16 @@ MANY = {
     ".geojson": 150,
 }
 
+OTHERS = [each for each in FIELD if each not in NEWER]
+SHARE = {**dict.fromkeys(OTHERS, 20), ".graph": 1400, ".xyz": 300, ".part.4": 300, ".toml": 20}
+"""Files of each suffix; those of runs by .toml are fast."""
 
-@pytest.mark.parametrize("suffix", SLOW)
+
+def with_slow_ones(suffixes: Iterable[str]) -> list[Any]:
+    return [pytest.param(each, marks=() if each == ".toml" else pytest.mark.slow) for each in suffixes]
+
+
+@pytest.mark.parametrize("suffix", with_slow_ones(SHARE))
 def test_damaged_files_are_read_or_refused(suffix: str) -> None:
     """Nothing leaks, nothing hangs, and ``agglo run`` leaves all of its output or none."""
     verdicts = [verdict for _, verdict in fuzz({suffix: SHARE[suffix]}, seed=0, keep=None, every=40)]
@@ -86,10 +79,6 @@ def test_two_thousand_damaged_files_of_runs(tmp_path: Path) -> None:
     said = [part.communicate()[0] for part in parts]
     print(*said, sep="\n")  # noqa: T201
     assert [part.returncode for part in parts] == [0, 0], "\n".join(said)
-
-
-NEWER = (".ovm", ".ply", ".vtkhdf", ".grf", ".map", ".mtx", ".system.npz", ".linear.toml")
-NEWER = [suffix for suffix in NEWER if suffix in SHARE]
 
 
 @pytest.mark.slow
@@ -132,7 +121,7 @@ def test_bombs_are_called_by_name(tmp_path: Path) -> None:
     assert "document type declaration" in text
 
 
-@pytest.mark.parametrize("suffix", SLOW)
+@pytest.mark.parametrize("suffix", with_slow_ones({**SHARE, **MANY, **dict.fromkeys(NEWER)}))
 def test_what_is_damaged_was_whole(suffix: str, tmp_path: Path) -> None:
     for content in valid_files(suffix):
         file = tmp_path / f"m{suffix}"
