@@ -41,6 +41,7 @@ from fuzz.foreign_corpus import FOREIGN, without_new_processes
 from fuzz.graph_corpus import PLACES, graph_files
 from fuzz.memory import ALLOWED, Memory, restrict
 from fuzz.several import lay_out
+from numba.core.compiler_lock import global_compiler_lock
 
 from agglo_core import AggloError, Mesh, OptionError, Pipeline, PluginError, samples
 from agglo_core.cli import main
@@ -101,12 +102,17 @@ class _Hang(BaseException):
 
 @contextmanager
 def _alarm(seconds: int) -> Iterator[None]:
+    def start() -> None:
+        signal.setitimer(signal.ITIMER_PROF, seconds)
+        signal.alarm(_WAIT * seconds)  # wall-clock limit for a waiting process on a busy machine
+
     def ring(*_: object) -> None:
-        raise _Hang
+        if not global_compiler_lock.is_locked():
+            raise _Hang
+        start()  # an exception inside LLVM would crash the process
 
     before = [(each, signal.signal(each, ring)) for each in (signal.SIGPROF, signal.SIGALRM)]
-    signal.setitimer(signal.ITIMER_PROF, seconds)
-    signal.alarm(_WAIT * seconds)  # wall-clock limit for a waiting process on a busy machine
+    start()
     try:
         yield
     finally:
