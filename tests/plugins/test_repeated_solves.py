@@ -147,25 +147,30 @@ def test_a_step_that_repeats_the_last_one_takes_next_to_nothing() -> None:
     assert again.converged
 
 
-def front(mesh: Mesh, at: float) -> Diffusion:
-    return Diffusion(kappa=np.where(mesh.cell_centroids[:, 0] < at, 1e4, 1.0), source=1.0)
+def front(mesh: Mesh, at: float, ratio: float = 1e4) -> Diffusion:
+    return Diffusion(kappa=np.where(mesh.cell_centroids[:, 0] < at, ratio, 1.0), source=1.0)
 
 
-@pytest.mark.parametrize("mesh", [samples.voronoi(400, seed=45), samples.tetrahedra(3)], ids=["2-D", "3-D"])
-def test_levels_of_an_earlier_front_are_given_up_at_once(mesh: Mesh) -> None:
+MOVING = [samples.voronoi(400, seed=45), samples.random_triangles(200, seed=45), samples.tetrahedra(3)]
+
+
+@pytest.mark.parametrize("ratio", [2.0, 1e2, 1e6])
+@pytest.mark.parametrize("mesh", MOVING, ids=["Voronoi", "triangles", "tetrahedra"])
+def test_a_moving_front_takes_few_iterations_more_than_fresh_solves(mesh: Mesh, ratio: float) -> None:
+    """Levels of an earlier front would take three times as many."""
     solver = PolyDGMultigrid(tolerance=1e-8)
     steps, fresh, kept = solver.repeated(bare(mesh)), [], []
-    for k in range(6):
-        problem = front(mesh, 0.2 + 0.1 * k)
+    for k in range(8):
+        problem = front(mesh, 0.2 + 0.08 * k, ratio)
         it = steps.solve(problem)
         exact = spsolve(it.A.tocsc(), it.b)
-        assert it.converged
+        assert it.converged or it.rounding_limited
         assert np.abs(it.x - exact).max() <= 1e-6 * np.abs(exact).max()
         assert len(it.residuals) == it.iterations + 1
         kept.append(it.iterations)
         fresh.append(solver.solve(problem, bare(mesh)).iterations)
-    assert max(np.subtract(kept, fresh)) <= 8
-    assert sum(kept) <= sum(fresh) + 3 * 8  # three retreats, as levels of their own follow each
+    assert sum(kept) <= 1.3 * sum(fresh)
+    assert max(np.subtract(kept, 1.3 * np.array(fresh))) <= 3
 
 
 def test_levels_are_kept_again_once_a_front_stands() -> None:
@@ -176,7 +181,7 @@ def test_levels_are_kept_again_once_a_front_stands() -> None:
     for at in places:
         steps.solve(front(mesh, at))
         counts.append(steps.setups)
-    assert counts == [1, 2, 3, 3, 3, 3]  # one solve after the change_method has levels of its own
+    assert counts == [1, 2, 2, 2, 2, 2]
 
 
 def test_the_pace_ends_a_slow_iteration() -> None:
@@ -184,11 +189,14 @@ def test_the_pace_ends_a_slow_iteration() -> None:
     A = np.diag(np.geomspace(1.0, 1e4, 50)) + 0.1
     b = np.ones(50)
     slow = pcg(A, b, tolerance=1e-8, pace=30)
-    assert (slow.converged, slow.iterations, slow.ended) == (False, 5, "most iterations")
+    assert (slow.converged, slow.ended) == (False, "most iterations")
+    left = np.log(1e8 * np.array(slow.residuals) / slow.residuals[0]) / np.log(1e8)
+    late = np.arange(slow.iterations + 1) + 30 * left > 39
+    assert late[1:].tolist() == [False] * (slow.iterations - 1) + [True]
     whole = pcg(A, b, tolerance=1e-8)
     assert whole.converged
     assert whole.iterations > 30
-    assert np.array_equal(pcg(A, b, tolerance=1e-8, most=5).x, slow.x)
+    assert np.array_equal(pcg(A, b, tolerance=1e-8, most=slow.iterations).x, slow.x)
     swift = pcg(A, b, np.linalg.inv(1.1 * A), tolerance=1e-8, pace=30)
     assert swift.converged
     with pytest.raises(OptionError, match="pace must be above 0"):

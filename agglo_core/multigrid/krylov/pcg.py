@@ -65,8 +65,8 @@ def pcg(
         The search stops when z·r has lost four digits: three to five steps for a good M. Not necessary
         for an M known to be good.
     pace : float, optional
-        Maximum total iterations, extrapolated from the reduction in the first five. A slower iteration
-        ends there, as if five were ``most``. For an M with unknown quality.
+        Iterations of a good M from 0. An iteration ends if it is late by over 0.3 times as many, and at
+        least 2, behind a uniform reduction of the residual measure. For an M with unknown quality.
     measure : callable, optional
         Residual measure. Default: ‖r‖ / ‖b‖ or, if row sizes of A differ by a factor above 100,
         :func:`~agglo_core.problems.residuals.row_scales.row_measure`.

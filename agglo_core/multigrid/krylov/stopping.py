@@ -16,11 +16,13 @@ from agglo_core.problems.iteration_history import Ended
 from agglo_core.problems.residuals.backward_error import LIMIT
 from agglo_core.problems.residuals.sizes import two_norm
 
-TRIAL = 5
-"""Number of iterations before the pace is judged.
+_BEHIND = 0.3
+"""Maximum lag behind the pace, relative to its iterations: about the iterations that slow levels can cost.
 
-Larger: surer, but more iterations are lost before slow levels are replaced (benchmarks/time_steps.py).
+Larger: slow levels serve longer (benchmarks/time_steps.py).
 """
+_LEAST_BEHIND = 2.0
+"""Least maximum lag, because the first steps of a good preconditioner may reduce the residual little."""
 
 Beta = Literal["flexible", "fletcher-reeves"]
 Stop = Literal["energy", "residual", "both"]
@@ -58,7 +60,7 @@ class Rules:
     pace: float | None = None
 
     def exhausted(self, residuals: Sequence[float], size: float) -> bool:
-        """Return True at the maximum number of iterations, or after first steps that are too slow.
+        """Return True at the maximum number of iterations, or too far behind the pace.
 
         Parameters
         ----------
@@ -68,10 +70,11 @@ class Rules:
             Relative size of the last residual.
         """
         steps = len(residuals) - 1
-        if self.pace is None or steps != TRIAL or size <= self.tolerance:
+        if self.pace is None or not steps or size <= self.tolerance:
             return steps >= self.most
-        fall = np.log(residuals[0] / residuals[-1]) / steps
-        return steps >= self.most or not fall * max(self.pace - steps, 0.0) >= np.log(size / self.tolerance)
+        left = np.log(size / self.tolerance) / np.log(1.0 / self.tolerance)
+        late = steps + left * self.pace > self.pace + max(_BEHIND * self.pace, _LEAST_BEHIND)
+        return steps >= self.most or bool(late)
 
 
 Iterate = tuple[float, Float, Float]

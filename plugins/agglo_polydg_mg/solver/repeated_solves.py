@@ -29,13 +29,12 @@ from agglo_polydg_mg.solver.equal_matrices import coefficients_of, equal_coeffic
 from agglo_polydg_mg.solver.numbering import Numbering
 from agglo_polydg_mg.solver.phases import Task, build_solution, iterate, set_up, task_for, zero_solution
 
-_MORE: Final = 1.5
+_MORE: Final = 1.2
 """Levels are rebuilt after a solve that takes more than this many times the iterations of fresh levels from
-0, and within a solve whose first iterations predict as many. A larger value saves set-ups and takes more
-iterations (benchmarks/time_steps.py --rates 0.05 0.5)."""
-_FAR_MORE: Final = 3.0
-"""A solve that takes more than this many times those iterations continues with fresh levels
-(benchmarks/time_steps.py --rates 0.5)."""
+0. A larger value saves set-ups and takes more iterations (benchmarks/time_steps.py --rates 0.05 0.5)."""
+_CHANGED: Final = 10.0
+"""Levels are rebuilt before a solve if the ratio of the diagonal entries to those of their matrix varies by
+more than this factor: iterations grow with its root (benchmarks/time_steps.py --rates 0.5 --front)."""
 
 
 class RepeatedSolves:
@@ -44,13 +43,14 @@ class RepeatedSolves:
     Each system is assembled; the levels of an earlier system precondition it. As the matrix changes this
     costs iterations, but never accuracy: convergence is tested with the current matrix. Each solve starts
     from the combination of the last eight solutions with the smallest error
-    (:func:`~agglo_polydg_mg.solver.earlier_solutions.best_combination`).
+    (:func:`~agglo_polydg_mg.solver.earlier_solutions.best_combination`), or from 0 if its residual is larger.
 
-    Levels are rebuilt for the next solve after more than 1.5 times the iterations that fresh levels take
-    from 0. They are rebuilt within a solve if its first five iterations predict as many, or if it takes
-    over 3 times as many. That solve continues from its iterate, and the next solve builds levels of its
-    own; after another such solve the next two do, then four, and so on until reused levels serve again.
-    Levels with a different number of unknowns are never reused.
+    Levels are rebuilt for the next solve after more than 1.2 times the iterations that fresh levels take
+    from 0. They are rebuilt within a solve that falls behind by over 0.3 times as many (see ``pace`` of
+    :func:`agglo_core.multigrid.pcg`). That solve continues from its iterate, and the next solve builds
+    levels of its own; after another such solve the next two do, then four, and so on until reused levels
+    serve again. Levels with a different number of unknowns are never reused, nor those of a matrix whose
+    diagonal entries have changed by factors that differ by more than 10.
 
     From the second system on, matrix parts that a cell-wise constant κ only scales are kept
     (:class:`~agglo_polydg_mg.forms.unit_forms.UnitForms`): about twice the memory of the matrix, 2 GiB at
@@ -88,6 +88,7 @@ class RepeatedSolves:
         self._made_of = (hierarchy, how, overrides, count)
         self._tolerance, self._most = tolerance, most
         self._kept: Any = None
+        self._diagonal: Any = None  # of the matrix of the levels
         self._usual: float | None = None  # iterations from 0 with fresh levels
         self._pause = self._paused = (
             0  # solves with own levels after reused levels failed: number, and remaining
@@ -144,7 +145,7 @@ class RepeatedSolves:
         # 2. Drop levels and solutions that do not fit this system
         if renumbered != self._renumbered:  # linear system after diffusion problem, or conversely
             self._kept, self._earlier, self._renumbered = None, [], renumbered
-        if self._kept is not None and self._kept.levels[0].A.shape != task.A.shape:
+        if self._kept is not None and not self._fits(task.A.diagonal()):
             self._kept = None
         # 3. Iterate
         try:
@@ -165,11 +166,7 @@ class RepeatedSolves:
         if self._paused:
             self._paused, self._kept = self._paused - 1, None
         if self._kept is not None:
-            most, pace = self._most, None
-            if self._usual is not None:
-                most = min(most, math.ceil(_FAR_MORE * self._usual))
-                pace = _MORE * self._usual + 1.0
-            histories = self._iterate(task, most, histories, watch, progress, pace)
+            histories = self._iterate(task, self._most, histories, watch, progress, self._usual)
             if _all_finished(histories, self._most):
                 self._pause = 0
                 return histories
@@ -184,6 +181,13 @@ class RepeatedSolves:
             histories = self._iterate(task, self._most, histories, watch, progress)
         return histories
 
+    def _fits(self, diagonal: Float) -> bool:
+        """Return True if the kept levels belong to a similar matrix, judged by its diagonal ``(n,)``."""
+        if diagonal.shape != self._diagonal.shape:
+            return False
+        ratio = diagonal / self._diagonal
+        return bool(ratio.max() <= _CHANGED * ratio.min())
+
     def _started(self, task: Task, watch: solvers.Stopwatch) -> list[History] | None:
         """Return initial guesses as histories without iterations, or None without earlier solutions."""
         columns = task.columns
@@ -192,7 +196,9 @@ class RepeatedSolves:
             return None
         with watch("solve"):
             starts = [
-                best_combination(task.A, b, [item[j] for item in self._earlier])
+                _not_worse_than_zero(
+                    task.A, b, best_combination(task.A, b, [item[j] for item in self._earlier])
+                )
                 for j, b in enumerate(columns)
             ]
         return [History(x, frozen_float([np.nan]), False, "") for x in starts]
@@ -206,7 +212,7 @@ class RepeatedSolves:
         title: str = "setting up the levels",
     ) -> None:
         self._kept = None  # frees the old levels before the new ones are built
-        self._kept = set_up(task, watch, progress, title)
+        self._kept, self._diagonal = set_up(task, watch, progress, title), task.A.diagonal()
         self._plan = task.plan if isinstance(task, DiffusionTask) else None
         self.setups, self._usual = self.setups + 1, None
         self._before = [each.iterations for each in before or ()]
@@ -235,7 +241,7 @@ class RepeatedSolves:
             digits = _digits(residuals)
             required_digits = max(digits, -math.log10(self._tolerance))
             self._usual = (len(residuals) - 1) * required_digits / digits if digits > 0.0 else None
-        elif slowest.iterations > _MORE * self._usual + 1.0:
+        elif slowest.iterations > _MORE * self._usual:
             self._kept = None
 
 
@@ -245,6 +251,11 @@ def _with_load(task: Task, load: Float | None) -> Task:
     if not isinstance(task, DiffusionTask):
         raise OptionError("a load can be added only to discretised problems: alter b of the linear system")
     return task.with_load(load)
+
+
+def _not_worse_than_zero(A: Any, b: Float, x: Float) -> Float:
+    """Return x, or 0 if the residual of x exceeds that of 0, as behind a front."""
+    return x if np.linalg.norm(b - A @ x) <= np.linalg.norm(b) else frozen_float(np.zeros_like(x))
 
 
 def _all_finished(histories: list[History], most: int) -> bool:
