@@ -64,6 +64,16 @@ def five_points(n: int, x: float, y: float) -> sparse.csr_array:
     return sparse.csr_array(x * sparse.kron(one, line) + y * sparse.kron(line, one))
 
 
+def nearly_incompressible(n: int, ratio: float) -> sparse.csr_array:
+    """Return −Δu − ratio · ∇ div u for u with two components on n × n points, by differences."""
+    line, one = sparse.diags_array([-1.0, 1.0], offsets=[-1, 0], shape=(n, n)), sparse.eye_array(n)
+    divergence = sparse.hstack((sparse.kron(one, line), sparse.kron(line, one)))
+    laplacian = five_points(n, 1.0, 1.0)
+    A = sparse.csr_array(sparse.block_diag((laplacian, laplacian)) + ratio * divergence.T @ divergence)
+    interleaved = np.arange(2 * n * n).reshape(2, -1).T.ravel()
+    return sparse.csr_array(A[interleaved][:, interleaved])
+
+
 def bilinear_elements(widths: np.ndarray, heights: np.ndarray) -> sparse.csr_array:
     """Return the Q1 matrix for −Δ with zero boundary values on a grid of columns and rows."""
 

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
+import numpy as np
+
 from agglo_core.solvers.backends import AUTO, PACKAGES, available_backends, choose_backend
 
 Kind = Literal["cells", "groups", "solids", "linear"]
@@ -21,6 +23,10 @@ _PENALTY: Final = 10.0
 """Default penalty constant of ``direct``, without unit."""
 MANY: Final = 10
 """Minimum number of right-hand sides for the table ``_SEVERAL`` (benchmarks/break_even.py --many)."""
+_STEPS: Final = 5
+_NULL: Final = 1e-6
+_CANCELLED: Final = 0.1
+"""Maximum energy of slow errors relative to that of their components, for λ / μ from about 50."""
 _TITLES: Final[Mapping[str, str]] = MappingProxyType({"pardiso": "PARDISO", "superlu": "SuperLU"})
 
 
@@ -99,6 +105,40 @@ def advice_of_direct(A: Any, kind: Kind, backend: str) -> str:
         f"multigrid usually takes less time than {_TITLES[backend]} from about "
         f"{_unknowns(A, limits.other)} unknowns of this kind: use the solver "
         f"polydg_mg{_suggest_pardiso(backend)}"
+    )
+
+
+def advice_of_components(A: Any, M: Any, width: int) -> str:
+    """Return the advice not to use multigrid if the energies of the components of slow errors cancel.
+
+    In elasticity with λ ≫ μ each component alone costs an energy of order λ, but divergence-free fields cost
+    only μ, and levels for general fields miss these. The slow errors are what five steps e − M A e leave of a
+    random vector. Their energy is about 4 μ / λ times that of their components. The text is empty unless
+    translations, each component by itself, are near-null vectors.
+
+    Parameters
+    ----------
+    A : (n, n) sparse
+    M : operator
+        Preconditioner of A.
+    width : int
+        Number of components: unknown i belongs to component i modulo ``width``.
+    """
+    of_component = np.arange(A.shape[0])[:, None] % width == np.arange(width)
+    forces = np.abs(A @ of_component.astype(float))
+    if np.median(forces.max(axis=1)) > _NULL * np.median(A.diagonal()):
+        return ""
+    e = np.random.default_rng(0).standard_normal(A.shape[0])
+    for _ in range(_STEPS):
+        e = e - M @ (A @ e)
+    parts = (e * of_component[:, j] for j in range(width))
+    ratio = float(e @ (A @ e)) / sum(float(part @ (A @ part)) for part in parts)
+    if not 0.0 <= ratio <= _CANCELLED:
+        return ""
+    return (
+        f"the energies of the {width} components of slow errors cancel to {100 * ratio:.1g} %, as in nearly "
+        "incompressible elasticity (λ much larger than μ), where multigrid takes many iterations: use the "
+        "solver direct, or a mixed formulation"
     )
 
 

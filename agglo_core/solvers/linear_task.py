@@ -19,10 +19,13 @@ from agglo_core.problems.iteration_history import History, joint_outcome, unsolv
 from agglo_core.problems.linear import require_cells
 from agglo_core.problems.residuals.sizes import two_norm
 from agglo_core.progress import Tell
-from agglo_core.solvers.advice import advice_of_multigrid
+from agglo_core.solvers.advice import advice_of_components, advice_of_multigrid
 from agglo_core.solvers.fine_system import chosen_levels
 from agglo_core.solvers.scaling import factor_for, matrix_factor, unscaled, unscaled_matrix
 from agglo_core.solvers.stopwatch import Stopwatch
+
+_MANY = 60
+"""Iterations from which components are examined (:func:`~agglo_core.solvers.advice.advice_of_components`)."""
 
 
 class LinearTask:
@@ -88,7 +91,7 @@ class LinearTask:
         whole = self.system.b.reshape(self.system.n, -1)
         self._factors = [factor_for(float(np.abs(array).max())) for array in whole.T]
         self._b = frozen_float(whole * np.array(self._factors))
-        self._doubled = ""
+        self._doubled = self._components = ""
 
     @property
     def A(self) -> Any:
@@ -112,8 +115,8 @@ class LinearTask:
     @property
     def advice(self) -> str:
         """Advice to use ``direct`` if faster, for cells of equal size only."""
-        if not self._equal:
-            return ""
+        if not self._equal or self._components:
+            return self._components
         return advice_of_multigrid(self.system.A, "linear", self._b.shape[1])
 
     @property
@@ -172,6 +175,9 @@ class LinearTask:
             pace=pace,
             tell=tell,
         )
+        width = self.system.width
+        if width in (2, 3) and any(each.iterations >= _MANY and each.ended != "rounding" for each in new):
+            self._components = advice_of_components(self.system.A, M, width)
         if not histories:
             return list(new)
         for j, history in zip(todo, new, strict=True):

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from command_line import Agglo
-from flux_matrices import two_point_flux
+from flux_matrices import nearly_incompressible, two_point_flux
 from scipy import sparse
 
 from agglo_core import Hierarchy, Mesh, samples
@@ -15,8 +15,9 @@ from agglo_core.cli.options.specs import parse_spec
 from agglo_core.problems import Diffusion, Linear
 from agglo_core.registry import default
 from agglo_core.solvers import advice
-from agglo_core.solvers.advice import MANY, advice_of_direct, advice_of_multigrid
+from agglo_core.solvers.advice import MANY, advice_of_components, advice_of_direct, advice_of_multigrid
 from agglo_core.solvers.direct import Direct
+from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
 KINDS = ("cells", "groups", "linear")
@@ -131,3 +132,20 @@ def test_the_command_prints_it(agglo: Agglo) -> None:
     assert "use the solver direct:penalty=sharp" in data["advice"]
     chosen = re.search(r"use the solver ([^ ;]+)", data["advice"])[1]
     assert agglo("solve", "squares:n=8", "--no-cg", "--solver", chosen).code == 0
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1000.0])
+def test_nearly_incompressible_systems_are_named(ratio: float) -> None:
+    mesh = samples.squares(30)
+    problem = Linear(nearly_incompressible(30, ratio), np.sin(np.arange(1800.0)), 2)
+    found = PolyDGMultigrid().solve(problem, bare(mesh))
+    assert ("nearly incompressible elasticity" in found.advice) == (ratio > 1.0)
+    assert (found.iterations > 60) == (ratio > 1.0)
+
+
+def test_slow_systems_of_polynomials_are_not_taken_for_elasticity() -> None:
+    """Mean and slopes cancel as well, but no constant slope is a near-null vector."""
+    mesh = samples.voronoi(300, seed=5)
+    system = PolyDG(1).assemble(SOURCE, mesh)
+    identity = np.asarray(system.A.diagonal())
+    assert advice_of_components(system.A, sparse.diags_array(0.2 / identity), 3) == ""
