@@ -16,8 +16,9 @@ import numpy as np
 
 from agglo_core.solvers.backends import AUTO, PACKAGES, available_backends, choose_backend
 
-Kind = Literal["cells", "groups", "solids", "linear"]
-"""Single cells of at most four faces, polygons or cells smoothed in groups, polyhedra, linear systems."""
+Kind = Literal["cells", "groups", "solids", "linear", "plane", "plane blocks"]
+"""Single cells of at most four faces, polygons or cells smoothed in groups, polyhedra, linear systems: any,
+scalar on a mesh in 2-D, or with several unknowns per cell of it."""
 
 _PENALTY: Final = 10.0
 """Default penalty constant of ``direct``, without unit."""
@@ -44,9 +45,13 @@ _ONE: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
         ("pardiso", "cells"): _Range(0.0, 6e4, 2e5),
         ("pardiso", "groups"): _Range(0.0, 4e5, 1e6),
         ("pardiso", "linear"): _Range(0.0, 5e4, float("inf")),
+        ("pardiso", "plane"): _Range(0.0, 1.4e5, float("inf")),
+        ("pardiso", "plane blocks"): _Range(0.0, 9e5, float("inf")),
         ("superlu", "cells"): _Range(0.0, 5e4, 1.5e5),
         ("superlu", "groups"): _Range(0.0, 1e5, 5e5),
         ("superlu", "linear"): _Range(0.0, 1e5, float("inf")),
+        ("superlu", "plane"): _Range(0.0, 1e5, float("inf")),
+        ("superlu", "plane blocks"): _Range(0.0, 1e5, float("inf")),
     }
 )
 """One right-hand side, sizes in matrix entries (benchmarks/break_even.py).
@@ -71,13 +76,15 @@ def advice_of_multigrid(A: Any, kind: Kind, count: int = 1, penalty: float | str
     Parameters
     ----------
     A : (n, n) sparse
-    kind : "cells", "groups" or "linear"
+    kind : "cells", "groups", "linear", "plane" or "plane blocks"
     count : int
         Number of right-hand sides.
     penalty : float, "paper" or "sharp"
         Penalty that gives ``direct`` an equal discretisation.
     """
-    table = _SEVERAL if count >= MANY else _ONE
+    table = _ONE
+    if count >= MANY:
+        table, kind = _SEVERAL, "linear" if kind.startswith("plane") else kind
     for backend in available_backends():
         limits = table.get((backend, kind))
         if limits is None or not limits.least <= A.nnz <= limits.most:

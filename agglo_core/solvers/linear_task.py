@@ -19,7 +19,7 @@ from agglo_core.problems.iteration_history import History, joint_outcome, unsolv
 from agglo_core.problems.linear import require_cells
 from agglo_core.problems.residuals.sizes import two_norm
 from agglo_core.progress import Tell
-from agglo_core.solvers.advice import advice_of_components, advice_of_multigrid
+from agglo_core.solvers.advice import Kind, advice_of_components, advice_of_multigrid
 from agglo_core.solvers.fine_system import chosen_levels
 from agglo_core.solvers.scaling import factor_for, matrix_factor, unscaled, unscaled_matrix
 from agglo_core.solvers.stopwatch import Stopwatch
@@ -57,7 +57,7 @@ class LinearTask:
                 f"recipe {recipe!r} is for diffusion problems; for linear systems use auto or agglomerates"
             )
         offsets, cells = np.asarray(problem.block_offsets), hierarchy.graph.n
-        self._cells = cells
+        self._cells, plane = cells, hierarchy.fine is not None and hierarchy.fine.dim == 2
         require_cells(problem, cells)
         # Cells without unknowns have no block.
         block_cells = np.flatnonzero(np.diff(offsets) != 0)
@@ -69,6 +69,7 @@ class LinearTask:
             None,
             _columns(problem.near_null),
         )
+        self._kind: Kind = "linear" if not plane else "plane" if system.width == 1 else "plane blocks"
         # Scale the matrix by a power of two, so that squares neither over- nor underflow.
         self.system, self._given, self._matrix_factor = system, system.A, matrix_factor(system.A)
         if self._matrix_factor != 1.0:
@@ -117,7 +118,7 @@ class LinearTask:
         """Advice to use ``direct`` if faster, for cells of equal size only."""
         if not self._equal or self._components:
             return self._components
-        return advice_of_multigrid(self.system.A, "linear", self._b.shape[1])
+        return advice_of_multigrid(self.system.A, self._kind, self._b.shape[1])
 
     @property
     def single(self) -> bool:

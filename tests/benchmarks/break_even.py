@@ -105,7 +105,7 @@ def measured(name: str, cells: int, degree: int, backends: Sequence[str], how: a
             solves(columns)
             _keep(further, backend, (time.process_time() - start) / COLUMNS)
     kind = "cells" if name in ("triangles", "squares") else "groups"
-    kind = "linear" if name == "fluxes" else kind
+    kind = "plane" if name == "fluxes" else kind
     return Row(name, degree, len(ours.x), ours.A.nnz, kind, first, further)
 
 

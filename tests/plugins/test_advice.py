@@ -149,3 +149,18 @@ def test_slow_systems_of_polynomials_are_not_taken_for_elasticity() -> None:
     system = PolyDG(1).assemble(SOURCE, mesh)
     identity = np.asarray(system.A.diagonal())
     assert advice_of_components(system.A, sparse.diags_array(0.2 / identity), 3) == ""
+
+
+@pytest.mark.parametrize("installed", [("pardiso", "superlu")], indirect=True)
+@pytest.mark.usefixtures("installed")
+def test_plane_systems_up_to_twenty_thousand_unknowns_are_for_pardiso() -> None:
+    mesh = samples.squares(130)
+    problem = Linear(two_point_flux(mesh, np.ones(mesh.n_cells)), np.ones(mesh.n_cells))
+    advice_of_plane = PolyDGMultigrid().solve(problem, bare(mesh)).advice
+    assert re.search(r"PARDISO usually takes less time up to about 2\d,000 unknowns", advice_of_plane)
+    assert (
+        PolyDGMultigrid()
+        .solve(problem, Hierarchy(None, mesh.graph, [], [], nested=True))
+        .advice.startswith("SuperLU")
+    )
+    assert advice_of_multigrid(Sized(5e5), "plane blocks") != advice_of_multigrid(Sized(5e5), "plane") == ""
