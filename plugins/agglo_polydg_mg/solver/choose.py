@@ -178,8 +178,7 @@ def choose(
     strong = strong_part(mesh, sigma)
     contrast = float(kappa.max() / kappa.min())
     varies = contrast > _SMOOTH
-    limit = _FLAT[mesh.dim] * (0.1 if varies and mesh.dim == 2 else 1.0)
-    flat = flat_part(mesh, limit)
+    flat = 0.0
     recipe: Any = "conforming"
     smoother: Any = "cells"
     # 2. Choose by the table
@@ -192,11 +191,14 @@ def choose(
         bubbles = bad or not polygons
         if bad or (degree > 2 and (polygons or strong > _UNEASY)):
             smoother = "patches" if degree > 1 else "groups"
-        if flat > _FLAT_CELLS and not few_polygons:
+        if not few_polygons:
+            flat = flat_part(mesh, _FLAT[2] * (0.1 if varies else 1.0), _FLAT_CELLS)
+        if flat > _FLAT_CELLS:
             recipe = "patches"
     else:
         polygons = bool(np.mean(faces_per_cell > _HEXAHEDRON) > 0.5)
         bad, layers = strong > _BAD if polygons else strong > _BAD_SOLID or varies, False
+        flat = flat_part(mesh, _FLAT[3])
         bad = bad or flat > _FLAT_CELLS
         aggregates = not varies
         cycle = "W" if degree == 1 and most_faces == _TETRAHEDRON else "V"
