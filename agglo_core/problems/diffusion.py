@@ -1,10 +1,11 @@
-"""Diffusion and reaction: −∇·(κ∇u) + c u = f.
+"""Diffusion, convection and reaction: −∇·(κ∇u) + b·∇u + c u = f.
 
 As a TOML table, with numbers by cell tag and boundary tag (no expressions):
 
 .. code-block:: toml
 
     source = 1.0                              # a number for all cells,
+    convection = [1.0, 0.5]                   # the vector b
     [kappa.material]                          # or one for each value of a cell tag
     1 = 1.0
     2 = [[2.0, 0.5], [0.5, 1.0]]              # or a symmetric positive definite matrix
@@ -46,9 +47,10 @@ from agglo_core.problems.table import (
     require_keys,
     robin_values,
     tensor_values,
+    vector,
 )
 
-_KEYS = ("boundary", "kappa", "reaction", "source", "dirichlet", "neumann", "robin")
+_KEYS = ("boundary", "kappa", "convection", "reaction", "source", "dirichlet", "neumann", "robin")
 _BOUNDARY = "boundary"
 _ZERO = 1e-9  # maximum |u| that counts as 0 on the boundary, in the unit of u
 _log = logging.getLogger("agglo")
@@ -56,7 +58,7 @@ _log = logging.getLogger("agglo")
 
 @dataclass(frozen=True, eq=False)
 class Diffusion:
-    """Find u with −∇·(κ∇u) + c u = f, given boundary data by tag.
+    """Find u with −∇·(κ∇u) + b·∇u + c u = f, given boundary data by tag.
 
     Attributes
     ----------
@@ -78,6 +80,10 @@ class Diffusion:
         the value 0.
     reaction : Field
         Coefficient c, not negative.
+    convection : (d,) or (n_cells, d) float, or callable
+        Velocity b, discretised upwind. A callable returns values ``(q, d)``. Its normal component should be
+        continuous. The problem is well posed if c − ½ ∇·b ≥ 0, which is not checked. The matrix is then
+        not symmetric: use the solver ``direct``.
     robin : mapping of boundary tag value to (Field, Field)
         α and g of α u + κ ∂u/∂n = g, α not negative.
 
@@ -111,10 +117,11 @@ class Diffusion:
     exact: Callable[[Float], Float] | None = None
     boundary: str = _BOUNDARY
     reaction: Field = field(default=0.0, kw_only=True)
+    convection: Any = field(default=0.0, kw_only=True)
     robin: Mapping[int, tuple[Field, Field]] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
-        for name in ("kappa", "source", "reaction"):
+        for name in ("kappa", "source", "reaction", "convection"):
             if isinstance(getattr(self, name), str):
                 raise OptionError(
                     f"{name} must be a number, an array with one value per cell, or a callable; given "
@@ -134,7 +141,7 @@ class Diffusion:
                 raise OptionError(f"robin[{tag}] must be a pair (alpha, g), given {pair!r:.60}")
             data |= {f"alpha of robin[{tag}]": pair[0], f"g of robin[{tag}]": pair[1]}
         for name, value in (
-            {"kappa": self.kappa, "source": self.source, "reaction": self.reaction} | data
+            {name: getattr(self, name) for name in ("kappa", "source", "reaction", "convection")} | data
         ).items():
             if not callable(value):
                 exact_cast(plain_array(value, name, OptionError), np.float64, name, OptionError)
@@ -173,8 +180,18 @@ class Diffusion:
         reaction = cell_values("reaction", table.get("reaction", 0.0), mesh)
         if np.min(reaction) < 0.0:
             raise OptionError(f"reaction must not be negative, given {np.min(reaction):g}")
+        convection = vector("convection", table.get("convection", [0.0] * mesh.dim), mesh.dim)
         source = cell_values("source", table.get("source", 1.0), mesh)
-        return cls(kappa, source, dirichlet, neumann, boundary=boundary, reaction=reaction, robin=robin)
+        return cls(
+            kappa,
+            source,
+            dirichlet,
+            neumann,
+            boundary=boundary,
+            reaction=reaction,
+            convection=convection,
+            robin=robin,
+        )
 
     @classmethod
     def example(cls, mesh: Mesh) -> Self:

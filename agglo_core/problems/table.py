@@ -75,6 +75,13 @@ def tensor_values(key: str, given: Any, mesh: Mesh) -> float | Float:
     return frozen_float(np.array(matrices)[cells])
 
 
+def vector(key: str, given: Any, dim: int) -> Float:
+    """Return a list of numbers as a vector ``(dim,)``, or raise OptionError."""
+    if not isinstance(given, list) or len(given) != dim:
+        raise OptionError(f"{key} must be a list of {dim} numbers, given {given!r:.60}")
+    return frozen_float([number(key, value) for value in given])
+
+
 def _matrix(key: str, given: Any, dim: int) -> Float:
     """Return a symmetric matrix ``(dim, dim)`` from nested lists."""
     rows = [row if isinstance(row, list) else [row] for row in given]

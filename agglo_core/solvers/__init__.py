@@ -10,6 +10,7 @@ from agglo_core.solvers.fine_system import (
     default_levels,
     fine_system,
     own_mesh,
+    require_symmetric_problem,
 )
 from agglo_core.solvers.linear_task import LinearTask
 from agglo_core.solvers.option_checks import (
@@ -47,6 +48,7 @@ __all__ = [
     "require_fraction",
     "require_name",
     "require_positive",
+    "require_symmetric_problem",
     "require_truth",
     "show_options",
     "times",

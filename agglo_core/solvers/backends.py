@@ -1,4 +1,4 @@
-"""Sparse direct solvers for symmetric matrices, by name.
+"""Sparse direct solvers by name, for symmetric and for other matrices.
 
 A solver takes a matrix and returns a function that maps right-hand sides, ``(n,)`` or ``(n, k)``, to
 solutions of equal shape. The factors live as long as this function.
@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.linalg import splu
 
 from agglo_core import multigrid
 from agglo_core.errors import OptionError
@@ -29,7 +30,7 @@ AUTO: Final = "auto"
 Solves = Callable[[Any], Any]
 """Maps right-hand sides ``(n,)`` or ``(n, k)`` to solutions."""
 
-_CHOLESKY, _BUNCH_KAUFMAN = 2, -2  # PARDISO's codes of symmetric matrix types
+_CHOLESKY, _BUNCH_KAUFMAN, _GENERAL = 2, -2, 11  # PARDISO's codes of matrix types
 
 
 def superlu(A: Any) -> Solves:
@@ -101,10 +102,58 @@ def cholmod(A: Any) -> Solves:
     return lambda b: np.asarray(solve(np.asarray(b, dtype=np.float64)))
 
 
+def general_superlu(A: Any) -> Solves:
+    """Factorise a matrix that need not be symmetric with SuperLU.
+
+    Raises
+    ------
+    LinAlgError
+        If the matrix is singular.
+    """
+    try:
+        factors = splu(sparse.csc_array(A))
+    except RuntimeError as error:
+        raise np.linalg.LinAlgError(f"SuperLU: {error}") from error
+    return lambda b: np.asarray(factors.solve(np.asarray(b, dtype=np.float64)))
+
+
+def general_pardiso(A: Any) -> Solves:
+    """Factorise a matrix that need not be symmetric with PARDISO.
+
+    Raises
+    ------
+    OptionError
+        If pypardiso is not installed.
+    LinAlgError
+        If the factorisation fails.
+    """
+    package = _package("pardiso")
+    matrix = sparse.csr_matrix(A, dtype=np.float64)
+    matrix.sort_indices()
+    with _path_of_mkl():
+        solver = package.PyPardisoSolver(mtype=_GENERAL)
+    try:
+        solver.factorize(matrix)
+    except (ValueError, package.PyPardisoError) as error:
+        solver.free_memory(everything=True)
+        raise np.linalg.LinAlgError(f"PARDISO: {error}") from error
+
+    def solve(b: Any) -> Any:
+        return solver.solve(matrix, np.asfortranarray(b, dtype=np.float64))
+
+    weakref.finalize(solve, solver.free_memory, everything=True)  # Python does not free MKL's memory
+    return solve
+
+
 BACKENDS: Final[Mapping[str, Callable[[Any], Solves]]] = MappingProxyType(
     {"pardiso": pardiso, "cholmod": cholmod, "superlu": superlu}
 )
 """Direct solvers by name, fastest first."""
+
+GENERAL_BACKENDS: Final[Mapping[str, Callable[[Any], Solves]]] = MappingProxyType(
+    {"pardiso": general_pardiso, "superlu": general_superlu}
+)
+"""Direct solvers for matrices that need not be symmetric, fastest first."""
 
 PACKAGES: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
     {"pardiso": ("pypardiso.pardiso_wrapper", "pypardiso"), "cholmod": ("sksparse.cholmod", "scikit-sparse")}
@@ -112,8 +161,10 @@ PACKAGES: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
 """Module and pip name for each solver's package."""
 
 
-def choose_backend(name: str) -> str:
+def choose_backend(name: str, among: Mapping[str, Callable[[Any], Solves]] | None = None) -> str:
     """Return the name of an installed solver: the given name, or the fastest for ``"auto"``.
+
+    ``among`` restricts the choice, for example to :data:`GENERAL_BACKENDS`.
 
     Raises
     ------
@@ -121,9 +172,14 @@ def choose_backend(name: str) -> str:
         For an unknown name, or a solver that is not installed (with the package to install).
     """
     if name == AUTO:
-        return available_backends()[0]
+        return next(each for each in available_backends() if among is None or each in among)
     if name not in BACKENDS:
         raise OptionError(f"backend must be one of {', '.join((AUTO, *BACKENDS))}; given {name!r}")
+    if among is not None and name not in among:
+        raise OptionError(
+            f"backend {name} requires a symmetric matrix, but the problem has convection: use one of "
+            f"{', '.join(among)}"
+        )
     if name in PACKAGES:
         _package(name)
     return name

@@ -18,7 +18,7 @@ from agglo_core.problems.residuals.sizes import size_ratio, two_norm
 from agglo_core.progress import Listener, phase
 from agglo_core.registry import Registry
 from agglo_core.solvers.advice import Kind, advice_of_direct
-from agglo_core.solvers.backends import AUTO, BACKENDS, Solves, choose_backend
+from agglo_core.solvers.backends import AUTO, BACKENDS, GENERAL_BACKENDS, Solves, choose_backend
 from agglo_core.solvers.fine_system import FineSystem, discretisation, fine_system
 from agglo_core.solvers.option_checks import require_count, require_fraction, show_options
 from agglo_core.solvers.stopwatch import Stopwatch
@@ -31,6 +31,7 @@ class Direct:
 
     The levels of the hierarchy are not used. An iteration is one solve with the factors, and the first nearly
     always suffices. The energy error is estimated by a further solve for the remaining residual.
+
     Parameters
     ----------
     degree : int
@@ -146,7 +147,7 @@ class RepeatedDirect:
         self._solver, self._hierarchy = solver, hierarchy
         self._system: FineSystem | None = None
         self._solves: Solves | None = None
-        self._advice = ""
+        self._backends, self._backend, self._advice = BACKENDS, "", ""
 
     def solve(
         self, problem: Problem, progress: Listener | None = None, *, load: Float | None = None
@@ -154,13 +155,14 @@ class RepeatedDirect:
         """Solve as :meth:`Direct.solve` does, with ``load (n,)`` added to the right-hand side if given."""
         watch, solver = Stopwatch(), self._solver
         with watch("assemble"), phase(progress, "assembling"):
-            fine = fine_system(problem, self._hierarchy, solver.discretisation)
+            fine = fine_system(problem, self._hierarchy, solver.discretisation, nonsymmetric=True)
             if self._system is None or not _equal_matrices(self._system.A, fine.A):
                 self._solves = None
             self._system = fine
         if self._solves is None:
-            backend = choose_backend(solver.backend)
-            self._advice = advice_of_direct(fine.A, solver._kind(problem, fine), backend)
+            self._backends = GENERAL_BACKENDS if _has_convection(problem) else BACKENDS
+            self._backend = choose_backend(solver.backend, self._backends)
+            self._advice = advice_of_direct(fine.A, solver._kind(problem, fine), self._backend)
         return self._solve(fine if load is None else fine.with_load(load), watch, progress)
 
     def solve_again(self, load: Float, progress: Listener | None = None) -> Solution:
@@ -179,9 +181,8 @@ class RepeatedDirect:
         solver = self._solver
         try:
             if self._solves is None:
-                backend = choose_backend(solver.backend)
-                with watch("setup"), phase(progress, "factorising", backend):
-                    self._solves = BACKENDS[backend](fine.A)
+                with watch("setup"), phase(progress, "factorising", self._backend):
+                    self._solves = self._backends[self._backend](fine.A)
                 self.setups += 1
             with watch("solve"), phase(progress, "solving"):
                 history = _solve_and_refine(fine, self._solves, solver.tolerance, solver.max_refinements)
@@ -189,6 +190,11 @@ class RepeatedDirect:
             history = unsolved(fine.b, str(failure))
         solution = fine.solution(history, [(fine.A, None)], watch, solver.tolerance)
         return replace(solution, advice=self._advice)
+
+
+def _has_convection(problem: Problem) -> bool:
+    convection = getattr(problem, "convection", 0.0)
+    return callable(convection) or bool(np.any(convection))
 
 
 def _equal_matrices(A: Any, B: Any) -> bool:

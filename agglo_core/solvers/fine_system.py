@@ -146,11 +146,23 @@ def discretisation(name: str, registry: Registry | None = None, **options: Any) 
     return target(**options)
 
 
-def fine_system(problem: Problem, hierarchy: Hierarchy, how: Any) -> FineSystem:
+def require_symmetric_problem(problem: Problem, solver: str) -> None:
+    """Raise OptionError if a problem has convection, which makes its matrix nonsymmetric."""
+    convection = getattr(problem, "convection", 0.0)
+    if callable(convection) or np.any(convection):
+        raise OptionError(
+            f"the problem has convection, so its matrix is not symmetric, but {solver} requires a symmetric "
+            "matrix: use solver='direct'"
+        )
+
+
+def fine_system(
+    problem: Problem, hierarchy: Hierarchy, how: Any, *, nonsymmetric: bool = False
+) -> FineSystem:
     """Return the linear system of a problem on a hierarchy's mesh.
 
     A linear system is taken as given. Any other problem is discretised by ``how.fine_system(problem, mesh)``
-    if the discretisation accepts its kind.
+    if the discretisation accepts its kind. Problems with convection are refused unless ``nonsymmetric``.
 
     Raises
     ------
@@ -167,6 +179,8 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: Any) -> FineSystem:
         )
     if getattr(problem, "kind", None) not in how.accepts:
         raise OptionError(f"problem must be a Diffusion or a Linear, given {type(problem).__name__}")
+    if not nonsymmetric:
+        require_symmetric_problem(problem, "this solver")
     system: FineSystem = how.fine_system(problem, own_mesh(hierarchy))
     return system
 

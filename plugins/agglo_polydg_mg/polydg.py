@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -26,6 +26,7 @@ from agglo_core.authoring import (
 from agglo_polydg_mg.forms.assembly import Lifted, discretise_lifted, effective_penalty, load
 from agglo_polydg_mg.forms.boundary import boundary_faces, largest_alpha, require_consistent
 from agglo_polydg_mg.forms.coefficients import cell_means, is_zero
+from agglo_polydg_mg.forms.convection import mean_speed
 from agglo_polydg_mg.forms.floating import floating_parts, mean_remover
 from agglo_polydg_mg.forms.fluxes import fluxes
 from agglo_polydg_mg.forms.norms import EnergyNorm, errors
@@ -90,6 +91,7 @@ class PolyDG:
     def assemble(self, problem: Problem, mesh: Mesh) -> System:
         """Assemble matrix and right-hand side of a problem on a mesh.
 
+        The matrix is symmetric unless the problem has convection.
         See :func:`~agglo_polydg_mg.forms.assembly.discretise`.
         """
         return self.lifted(problem, mesh).system
@@ -113,7 +115,10 @@ class PolyDG:
         found = discretise_lifted(
             basis.mesh, self.degree, asked, penalty=self.penalty, basis=basis, units=units, kept=kept
         )
-        return found if basis.mesh is mesh else found._replace(system=replace(found.system, mesh=mesh))
+        if basis.mesh is mesh:
+            return found
+        system = System.trusted(found.system.A, found.system.b, found.system.block_offsets, mesh)
+        return found._replace(system=system)
 
     def fine_system(
         self,
@@ -243,14 +248,15 @@ class PolyDG:
     ) -> solvers.ResidualMeasure:
         """Return the function by which solvers measure residuals, for the right-hand side ``b (n,)``.
 
-        It weights by κ + c h² + α h with the cell means of κ and of the reaction c, α of Robin data on the
-        cell's faces, and the mean size h of all cells.
+        It weights by κ + |b| h + c h² + α h with the cell means of κ and of the reaction c, |b| at
+        centroids, α of Robin data on the cell's faces, and the mean size h of all cells.
         """
         diffusion, basis = _diffusion(problem), basis or self.basis(mesh)
         kappa = cell_means(mesh, diffusion.kappa)
         h = mesh.cell_measures.mean() ** (1 / mesh.dim)
         if not is_zero(diffusion.reaction):
             kappa = frozen_float(kappa + h**2 * cell_means(mesh, diffusion.reaction, "reaction"))
+        kappa = frozen_float(kappa + h * mean_speed(mesh, diffusion.convection))
         if diffusion.robin:
             kappa = frozen_float(kappa + h * largest_alpha(mesh, diffusion))
         has_data = diffusion.dirichlet or diffusion.robin
@@ -286,12 +292,22 @@ def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
         source=0.0,
         dirichlet=dict.fromkeys(diffusion.dirichlet, 0.0),
         neumann=dict.fromkeys(diffusion.neumann, 0.0),
+        convection=_average_velocity(diffusion.convection, mesh, labels),
         robin={
             tag: (alpha if callable(alpha) else _average_coefficient(alpha, mesh, labels, "alpha"), 0.0)
             for tag, (alpha, _) in diffusion.robin.items()
         },
         boundary=diffusion.boundary,
     )
+
+
+def _average_velocity(convection: Any, mesh: Mesh, labels: Int) -> Any:
+    """Average cell values of b over agglomerates, and return anything else unchanged."""
+    if callable(convection) or np.ndim(convection) < 2:
+        return convection
+    volumes = np.bincount(labels, mesh.cell_measures)
+    columns = [np.bincount(labels, mesh.cell_measures * column) / volumes for column in convection.T]
+    return frozen_float(np.stack(columns, axis=1))
 
 
 def _average_coefficient(field: Any, mesh: Mesh, labels: Int, name: str) -> Any:

@@ -16,6 +16,7 @@ from scipy.sparse.linalg import spsolve
 import agglo_core as agglo
 from agglo_core import AggloError, Mesh, OptionError, agglomerate, samples
 from agglo_core.problems import Diffusion
+from agglo_polydg_mg.forms.face_quadrature import face_rule
 from agglo_polydg_mg.forms.norms import Errors, errors
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
@@ -741,3 +742,112 @@ def test_tables_of_tensors(tmp_path: Any) -> None:
         path.write_text(text)
         with pytest.raises(AggloError, match=re.escape(message)):
             agglo.problems.read_problem(path, mesh)
+
+
+# --- Convection
+
+
+def stream(x: Array) -> Array:
+    """A velocity that turns, without divergence."""
+    return np.stack((1.0 + x[:, 1], -2.0 * x[:, 0] + 0.5, 0.0 * x[:, 0] + 0.7)[: x.shape[1]], axis=1)
+
+
+def slope(x: Array) -> Array:
+    return np.array([2.0, -3.0, 1.5])[: x.shape[1]]
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("degree", [1, 2])
+def test_linear_solutions_are_met_with_convection(name: str, degree: int) -> None:
+    mesh = MESHES[name]()
+    steady = np.array([3.0, -1.0, 2.0])[: mesh.dim]
+    for b in (1e3 * steady, np.broadcast_to(steady, (mesh.n_cells, mesh.dim)), stream):
+        source: Any = float(b @ slope(mesh.points)) if isinstance(b, np.ndarray) and b.ndim == 1 else None
+        if source is None:
+            source = float(steady @ slope(mesh.points)) if b is not stream else lambda x: stream(x) @ slope(x)
+        problem = Diffusion(1e-2, source, {0: linear}, exact=linear, convection=b)
+        assert errors_of(PolyDG(degree), problem, mesh).l2 < 1e-10
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("kappa", [1.0, 1e-6])
+def test_orders_with_convection(degree: int, kappa: float) -> None:
+    def source(x: Array) -> Array:
+        s, t = 2.0 * x[:, 0] + 0.3, 3.0 * x[:, 1]
+        gradient = np.stack((2.0 * np.cos(s) * np.cos(t), -3.0 * np.sin(s) * np.sin(t)), axis=1)
+        return np.asarray(13.0 * kappa * wave(x) + (stream(x) * gradient).sum(axis=1) + wave(x))
+
+    problem = Diffusion(kappa, source, {0: wave}, exact=wave, convection=stream, reaction=1.0)
+    l2, dg = orders(degree, [samples.voronoi(n, seed=0) for n in (100, 1600)], problem)
+    assert l2 > degree + (0.75 if kappa == 1.0 else 0.4)  # p + 1/2 is proved where convection dominates
+    assert dg > degree - 0.25
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_convection_adds_the_energy_of_jumps(name: str) -> None:
+    """xᵀ A x grows by ½ Σ ∫ |b·n| [u]², with the values on the whole boundary as jumps."""
+    mesh, how = MESHES[name](), PolyDG(2)
+    basis, x = how.basis(mesh), np.random.default_rng(0).standard_normal(how.basis(mesh).n)
+    plain, more = (how.assemble(Diffusion(convection=b), mesh).A for b in (0.0, stream))
+    rule = face_rule(basis.mesh, np.arange(basis.mesh.n_faces), 4)
+    cells, points = basis.mesh.face_cells[rule.faces], rule.points + mesh.origin
+    count, q, dim = points.shape
+    flat = points.reshape(-1, dim)
+    jump = basis.evaluate(x, np.repeat(cells[:, 0], q), flat).reshape(count, q)
+    inner = cells[:, 1] >= 0
+    beyond = basis.evaluate(x, np.repeat(np.where(inner, cells[:, 1], 0), q), flat).reshape(count, q)
+    jump -= np.where(inner[:, None], beyond, 0.0)
+    speed = np.abs(np.einsum("tqd,td->tq", stream(flat).reshape(points.shape), rule.normals))
+    expected = 0.5 * (rule.weights * speed * jump**2).sum()
+    assert x @ (more - plain) @ x == pytest.approx(expected, rel=1e-2)
+
+
+def test_direct_solves_problems_with_convection() -> None:
+    mesh = samples.voronoi(200, seed=1)
+    data: Any = {"convection": np.array([3.0, 1.0]), "dirichlet": {0: lambda x: 5.0 + x[:, 0]}}
+    found = []
+    for backend in ("auto", "superlu"):
+        for source in (1.0, 1e200):
+            problem = Diffusion(1e-2, source, **data)
+            solution = agglo.solve(mesh, problem, solver="direct", tolerance=1e-9, backend=backend)
+            assert solution.converged
+            found.append(solution.x)
+    assert found[0] == pytest.approx(found[2], abs=1e-10)
+    with pytest.raises(OptionError, match="cholmod"):
+        agglo.solve(mesh, Diffusion(**data), solver="direct", backend="cholmod")
+
+
+@pytest.mark.parametrize("solver", ["polydg_mg", "polydg_mg_paper", "polydg_cg", "multigrid"])
+def test_other_solvers_refuse_convection(solver: str) -> None:
+    mesh = samples.squares(4)
+    with pytest.raises(AggloError, match=r"not symmetric, but .* use solver='direct'"):
+        agglo.solve(agglomerate(mesh, n_parts=4), Diffusion(convection=np.ones(2)), solver=solver)
+
+
+@pytest.mark.parametrize(
+    ("convection", "message"),
+    [
+        (np.ones(3), r"convection has shape \(3,\): expected \(2,\), \(16, 2\) or a callable"),
+        (np.array([1.0, np.nan]), r"convection is \[1.0, nan\] in cell 0, not finite"),
+        (lambda x: np.ones((len(x), 3)), r"convection returned shape \(\d+, 3\)"),
+        ("east", "convection must be a number"),
+    ],
+)
+def test_bad_velocities_are_refused(convection: Any, message: str) -> None:
+    with pytest.raises(AggloError, match=message):
+        PolyDG().assemble(Diffusion(convection=convection), samples.squares(4))
+
+
+def test_convection_with_neumann_data_alone_is_refused() -> None:
+    problem = Diffusion(source=0.0, neumann={0: 0.0}, convection=np.ones(2))
+    with pytest.raises(OptionError, match="the component of cell 0 has convection, but no boundary face"):
+        PolyDG().assemble(problem, samples.squares(4))
+
+
+def test_tables_of_convection(tmp_path: Any) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text("convection = [1, -2.5]\n")
+    assert agglo.problems.read_problem(path, samples.squares(4)).convection.tolist() == [1.0, -2.5]
+    path.write_text("convection = [1.0]\n")
+    with pytest.raises(AggloError, match=re.escape("convection must be a list of 2 numbers, given [1.0]")):
+        agglo.problems.read_problem(path, samples.squares(4))

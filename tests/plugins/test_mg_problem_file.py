@@ -80,7 +80,10 @@ def test_an_empty_file_is_the_default_problem(tmp_path: Path, mesh: Mesh) -> Non
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("f = 1", "unknown key 'f'; accepted: boundary, kappa, reaction, source, dirichlet, neumann, robin"),
+        (
+            "f = 1",
+            "unknown key 'f'; accepted: boundary, kappa, convection, reaction, source, dirichlet, neumann",
+        ),
         ("kappa = [", "problem.toml: "),
         ("source = 'sin(x)'", "source must be a finite number, given 'sin"),
         ("source = 1e400", "source must be a finite number, given inf"),

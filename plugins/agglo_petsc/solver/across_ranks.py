@@ -227,6 +227,7 @@ def _assemble_own_rows(
         own_ids = mesh.global_ids[mesh.own]
         if not len(own_ids):
             raise OptionError(f"rank {ranks.rank} has no cells: distribute the mesh over fewer ranks")
+        solvers.require_symmetric_problem(problem, "petsc_mg")
         # 2. Rows of own cells, with global columns
         system, cells = discretisation.assemble(problem, wide), np.searchsorted(ids, own_ids)
         width = int(system.block_offsets[1])

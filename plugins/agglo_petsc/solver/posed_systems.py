@@ -84,6 +84,7 @@ def _pose_diffusion(
     problem: Diffusion, hierarchy: Hierarchy, discretisation: Discretisation, degree: int, levels: int | None
 ) -> PosedSystem:
     # 1. Assemble, and check for finite values
+    solvers.require_symmetric_problem(problem, "petsc_mg")
     mesh = solvers.own_mesh(hierarchy)
     system = discretisation.assemble(problem, mesh)
     matrix = sparse.csr_array(system.A)

@@ -1,4 +1,4 @@
-"""Symmetric interior penalty discretisation of −∇·(κ∇u) + c u = f on polygons and polyhedra.
+"""Symmetric interior penalty discretisation of −∇·(κ∇u) + b·∇u + c u = f on polygons and polyhedra.
 
 a(u, v) = Σ_K ∫ κ∇u·∇v + c u v − Σ_F ∫ ({κ∇u}·[v] + {κ∇v}·[u]) + Σ_F γ_F σ_F ∫ [u][v], boundary faces with
 Dirichlet data included (Nitsche). If κ jumps, averages are weighted with κ from the other side and γ is the
@@ -35,6 +35,7 @@ from agglo_polydg_mg.forms.boundary import (
     rule_of,
 )
 from agglo_polydg_mg.forms.coefficients import cell_means, positive, reaction_blocks
+from agglo_polydg_mg.forms.convection import add_convection, inflow_load
 from agglo_polydg_mg.forms.face_quadrature import OnFaces, all_faces, on_both_sides
 from agglo_polydg_mg.forms.floating import balanced, floating_parts, hold
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty, face_penalty
@@ -129,6 +130,7 @@ def discretise_lifted(
     # 2. Penalty and matrix
     A, sigma = kept or _matrix_and_penalty(basis, problem, boundary, penalty, kappa, units)
     # 3. Load and Dirichlet data
+    add_convection(basis, problem, boundary, A.data)
     parts = floating_parts(mesh, boundary)
     loads = load(basis, problem).reshape(mesh.n_cells, -1)
     loads = balanced(basis, problem, boundary, parts, loads)
@@ -138,7 +140,11 @@ def discretise_lifted(
         b = frozen_float(loads.ravel())
         return Lifted(System.trusted(A, b, offsets, mesh), b, frozen_float(np.zeros(basis.n)), sigma)
     held = on_both_sides(mesh, kappa, boundary.dirichlet, degree + 2)
-    functional = dirichlet_load(basis, boundary, held, sigma)
+    diffusive, inflow = dirichlet_load(basis, boundary, held, sigma), inflow_load(basis, problem, boundary)
+
+    def functional(data: Float) -> Float:
+        return diffusive(data) if inflow is None else diffusive(data) + inflow(data)
+
     b = frozen_float((loads + functional(g)).ravel())
     system = System.trusted(A, b, offsets, mesh)
     # 4. Load without the Dirichlet offset

@@ -67,6 +67,7 @@ class Numbering:
             kappa=self._taken(problem.kappa),
             source=self._taken(problem.source),
             reaction=self._taken(problem.reaction),
+            convection=self._taken(problem.convection),
             dirichlet=self._all_taken(problem.dirichlet),
             neumann=self._all_taken(problem.neumann),
             robin={tag: (self._taken(alpha), self._taken(g)) for tag, (alpha, g) in problem.robin.items()},
@@ -86,7 +87,7 @@ class Numbering:
             values = np.asarray(field, dtype=float)
         except (TypeError, ValueError):
             return field
-        by_cell = values.ndim in (1, 3) and len(values) == np.size(self.cells)  # 3 axes: tensors
+        by_cell = values.ndim > 0 and len(values) == np.size(self.cells)  # vectors and tensors, too
         return values[self.cells] if by_cell else field
 
     def solution(self, solution: Solution) -> Solution:
