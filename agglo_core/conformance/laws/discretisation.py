@@ -28,6 +28,7 @@ from agglo_core.problems import Diffusion, Samples, System
 _STEP = 1e-2  # of the differences that verify gradients, relative to a simplex
 _METHODS = ("check", "coarse_operator", "project", "evaluate", "sample", "errors", "load", "residual_measure")
 _EXAMPLES = 30  # drawn meshes for each law
+_INWARD = 1e-5  # from the corners of a simplex towards its centre, relative to the distance
 _ROUNDING = 1e-8  # relative error of a solution that is exact
 
 
@@ -111,7 +112,7 @@ def constants_kept(subject: Subject, case: Case) -> None:
 
 @drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES)
 def samples_fill_cells(subject: Subject, case: Case) -> None:
-    """The simplices of ``sample`` fill each cell once, and ``evaluate`` gives NaN outside the mesh."""
+    """The simplices of ``sample`` fill each cell, with values as by ``evaluate``, which is NaN outside."""
     tool, mesh = subject.build(), case.given[1]
     x = as_array(tool.project(mesh, 1.0))
     samples = tool.sample(mesh, x)
@@ -124,6 +125,20 @@ def samples_fill_cells(subject: Subject, case: Case) -> None:
         not len(wrong),
         f"on {case.name}: the simplices of cell {wrong[:1]} have the measure {found[wrong[:1]]}, the cell "
         f"{mesh.cell_measures[wrong[:1]]}",
+    )
+    # Values just inside the corners of the simplices, for random unknowns.
+    x = np.random.default_rng(5).uniform(-1.0, 1.0, len(x))
+    samples = tool.sample(mesh, x)
+    simplices = samples.simplices[sizes > 1e-9 * mesh.cell_measures.max()]
+    corners = samples.points[simplices]
+    inside = corners + _INWARD * (corners.mean(axis=1, keepdims=True) - corners)
+    gaps = tool.evaluate(mesh, x, inside.reshape(-1, mesh.dim)) - samples.values[simplices].ravel()
+    worst = int(np.nanargmax(np.abs(gaps)))
+    require(
+        abs(gaps[worst]) <= 1e-2 * np.abs(samples.values).max(),
+        f"on {case.name}: evaluate and sample differ by {gaps[worst]:.2g} in cell "
+        f"{samples.cells[simplices.ravel()[worst]]}: find the cell that contains a point, not the "
+        "one with the nearest centroid",
     )
     beyond = mesh.points.max(axis=0) + np.ptp(mesh.points, axis=0)
     value = as_array(tool.evaluate(mesh, x, beyond[None]))

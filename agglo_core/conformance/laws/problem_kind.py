@@ -84,6 +84,15 @@ def table_read(subject: Subject) -> None:
             f"the table {table} gave {in_words(result)}: give each key a default, or name the missing one "
             "in an OptionError",
         )
+    # Names of fields in other letters are other keys.
+    plain = _read(tool, {}, mesh)
+    for name in _numbers_in(tool.example(mesh)):
+        misspelt = _read(tool, {name.swapcase(): 7.0}, mesh)
+        require(
+            not same(misspelt, plain) or same(plain, digest(None)),
+            f"the table {{{name.swapcase()!r}: 7.0}} is accepted and ignored: compare keys as they are "
+            "written",
+        )
     # Tables with one value of the example each, in two rounds.
     tables = [{}, *({name: value} for name, value in _numbers_in(tool.example(mesh)).items())]
     first, again = ([_read(tool, table, mesh) for table in tables] for _ in range(2))

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from conformance.mutants.mutant import Mutant
 from scipy import sparse
+from scipy.spatial import cKDTree
 
 from agglo_core import OptionError
 from agglo_polydg_mg.polydg import PolyDG
@@ -37,6 +38,16 @@ class FirstTriangles(PolyDG):
     def sample(self, mesh, x):
         samples = super().sample(mesh, x)
         return replace(samples, simplices=samples.simplices[:1])
+
+
+class NearestCell(PolyDG):
+    """Take the value of the cell with the nearest centroid."""
+
+    def evaluate(self, mesh, x, points):
+        values = super().evaluate(mesh, x, points)
+        nearest = cKDTree(mesh.cell_centroids).query(points)[1]
+        at_centroids = super().evaluate(mesh, x, mesh.cell_centroids)
+        return np.where(np.isnan(values), np.nan, at_centroids[nearest])
 
 
 class WeakPenalty(PolyDG):
@@ -149,6 +160,7 @@ MUTANTS = [
     Mutant("constants_kept", HalvesProjections, "evaluate of the projection of 3"),
     Mutant("constants_kept", SamplesCorners, "sample of the projection of 3"),
     Mutant("samples_fill_cells", FirstTriangles, "the simplices of cell"),
+    Mutant("samples_fill_cells", NearestCell, "nearest centroid"),
     Mutant("symmetric_and_definite", WeakPenalty, "enlarge the penalty"),
     Mutant("linear_met", ForgetsJumps, "a linear solution is"),
     Mutant("patch_test", InTheBox, "the projection of a linear function", promises={"patch_test": True}),

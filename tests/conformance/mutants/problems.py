@@ -97,6 +97,13 @@ class TakesAnyKey(Heat):
         return cls(conductivity=float(table.get("conductivity", 1.0)))
 
 
+class IgnoresCapitals(Heat):
+    @classmethod
+    def from_table(cls, table, mesh, folder):
+        super().from_table({name.lower(): value for name, value in table.items()}, mesh, folder)
+        return cls(conductivity=float(table.get("conductivity", 1.0)), source=float(table.get("source", 1.0)))
+
+
 class NeedsAKey(Heat):
     @classmethod
     def from_table(cls, table, mesh, folder):
@@ -160,6 +167,7 @@ MUTANTS = [
     Mutant("example_given", ExampleOfAnother, "expected a ExampleOfAnother"),
     Mutant("example_given", Fluid, "frozen=True"),
     Mutant("table_read", TakesAnyKey, "no_such_key"),
+    Mutant("table_read", IgnoresCapitals, "accepted and ignored"),
     Mutant("table_read", NeedsAKey, "a default"),
     Mutant("table_read", TakesOutKeys, "work on a copy"),
     Mutant("table_read", ChangesTheDefaults, "a copy (dict(defaults))"),
