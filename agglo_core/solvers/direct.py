@@ -19,7 +19,7 @@ from agglo_core.progress import Listener, phase
 from agglo_core.registry import Registry
 from agglo_core.solvers.advice import Kind, advice_of_direct
 from agglo_core.solvers.backends import AUTO, BACKENDS, GENERAL_BACKENDS, Solves, choose_backend
-from agglo_core.solvers.fine_system import FineSystem, discretisation, fine_system
+from agglo_core.solvers.fine_system import FineSystem, discretisation, fine_system, has_convection
 from agglo_core.solvers.option_checks import require_count, require_fraction, show_options
 from agglo_core.solvers.stopwatch import Stopwatch
 
@@ -30,7 +30,8 @@ class Direct:
     """Sparse direct solver for linear or PolyDG systems, with iterative refinement.
 
     The levels of the hierarchy are not used. An iteration is one solve with the factors, and the first nearly
-    always suffices. The energy error is estimated by a further solve for the remaining residual.
+    always suffices. The energy error is estimated by a further solve for the remaining residual. PARDISO or
+    SuperLU factorise the matrices of problems with convection.
 
     Parameters
     ----------
@@ -147,7 +148,8 @@ class RepeatedDirect:
         self._solver, self._hierarchy = solver, hierarchy
         self._system: FineSystem | None = None
         self._solves: Solves | None = None
-        self._backends, self._backend, self._advice = BACKENDS, "", ""
+        self._backends = BACKENDS
+        self._advice = ""
 
     def solve(
         self, problem: Problem, progress: Listener | None = None, *, load: Float | None = None
@@ -156,13 +158,13 @@ class RepeatedDirect:
         watch, solver = Stopwatch(), self._solver
         with watch("assemble"), phase(progress, "assembling"):
             fine = fine_system(problem, self._hierarchy, solver.discretisation, nonsymmetric=True)
+            self._backends = GENERAL_BACKENDS if has_convection(problem) else BACKENDS
             if self._system is None or not _equal_matrices(self._system.A, fine.A):
                 self._solves = None
             self._system = fine
         if self._solves is None:
-            self._backends = GENERAL_BACKENDS if _has_convection(problem) else BACKENDS
-            self._backend = choose_backend(solver.backend, self._backends)
-            self._advice = advice_of_direct(fine.A, solver._kind(problem, fine), self._backend)
+            backend = choose_backend(solver.backend, self._backends)
+            self._advice = advice_of_direct(fine.A, solver._kind(problem, fine), backend)
         return self._solve(fine if load is None else fine.with_load(load), watch, progress)
 
     def solve_again(self, load: Float, progress: Listener | None = None) -> Solution:
@@ -181,8 +183,9 @@ class RepeatedDirect:
         solver = self._solver
         try:
             if self._solves is None:
-                with watch("setup"), phase(progress, "factorising", self._backend):
-                    self._solves = self._backends[self._backend](fine.A)
+                backend = choose_backend(solver.backend, self._backends)
+                with watch("setup"), phase(progress, "factorising", backend):
+                    self._solves = self._backends[backend](fine.A)
                 self.setups += 1
             with watch("solve"), phase(progress, "solving"):
                 history = _solve_and_refine(fine, self._solves, solver.tolerance, solver.max_refinements)
@@ -190,11 +193,6 @@ class RepeatedDirect:
             history = unsolved(fine.b, str(failure))
         solution = fine.solution(history, [(fine.A, None)], watch, solver.tolerance)
         return replace(solution, advice=self._advice)
-
-
-def _has_convection(problem: Problem) -> bool:
-    convection = getattr(problem, "convection", 0.0)
-    return callable(convection) or bool(np.any(convection))
 
 
 def _equal_matrices(A: Any, B: Any) -> bool:

@@ -146,10 +146,15 @@ def discretisation(name: str, registry: Registry | None = None, **options: Any) 
     return target(**options)
 
 
-def require_symmetric_problem(problem: Problem, solver: str) -> None:
-    """Raise OptionError if a problem has convection, which makes its matrix nonsymmetric."""
+def has_convection(problem: Problem | None) -> bool:
+    """Return True if a problem has convection, which makes its matrix nonsymmetric."""
     convection = getattr(problem, "convection", 0.0)
-    if callable(convection) or np.any(convection):
+    return callable(convection) or bool(np.any(convection))
+
+
+def require_symmetric_problem(problem: Problem, solver: str) -> None:
+    """Raise OptionError if a problem has convection."""
+    if has_convection(problem):
         raise OptionError(
             f"the problem has convection, so its matrix is not symmetric, but {solver} requires a symmetric "
             "matrix: use solver='direct'"

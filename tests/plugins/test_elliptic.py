@@ -851,3 +851,43 @@ def test_tables_of_convection(tmp_path: Any) -> None:
     path.write_text("convection = [1.0]\n")
     with pytest.raises(AggloError, match=re.escape("convection must be a list of 2 numbers, given [1.0]")):
         agglo.problems.read_problem(path, samples.squares(4))
+
+
+def squeezed(dim: int) -> Mesh:
+    """Cells too thin for the eigenvalue problem of the sharp penalty."""
+    if dim == 2:
+        mesh = samples.random_triangles(40, seed=5)
+        return replace(mesh, points=mesh.points * [1.0, 1e-7])
+    mesh, way = samples.tetrahedra(2), np.array((1.0, 2.0, 3.0)) / np.sqrt(14.0)
+    return replace(mesh, points=mesh.points - (1 - 1e-7) * np.outer(mesh.points @ way, way))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_cells_too_thin_for_their_stiffness_with_tensors(dim: int) -> None:
+    """Multiples of the identity give the penalty of scalars, and turned tensors a definite matrix."""
+    mesh, how, identity = squeezed(dim), PolyDG(2 if dim == 3 else 3, scaled_basis=False), np.eye(dim)
+    cells = 10.0 ** np.random.default_rng(0).uniform(-2, 2, mesh.n_cells)
+    pairs = (
+        (cells, cells[:, None, None] * identity),
+        (lambda x: 2.0 + np.sin(x[:, 0]), lambda x: (2.0 + np.sin(x[:, 0]))[:, None, None] * identity),
+    )
+    for scalar, tensor in pairs:
+        sigmas = [how.lifted(Diffusion(kappa), mesh).sigma for kappa in (scalar, tensor)]
+        assert sigmas[1] == pytest.approx(sigmas[0], rel=1e-6)
+    A = how.assemble(Diffusion(rotated(0.5, 1e-3, dim)), mesh).A.toarray()
+    scale = 1 / np.sqrt(np.diag(A))
+    assert np.linalg.eigvalsh(A * scale[:, None] * scale).min() > -1e-10
+
+
+def test_steps_reuse_levels_for_tensors_and_neumann_data_alone() -> None:
+    """A solver that keeps its levels gives the solutions of one that does not."""
+    levels = agglomerate(samples.voronoi(200, seed=6), n_parts=(40, 8))
+    mesh = levels.fine
+    steps = agglo.registry.default().build("solver", "polydg_mg", tolerance=1e-10).repeated(levels)
+    for k in range(3):
+        for kappa in (1.0 + k, rotated(0.3 * k, 0.2)):
+            problem = Diffusion(kappa, lambda x: x[:, 0] - 0.5, neumann={0: 0.0})
+            found = steps.solve(problem)
+            expected = agglo.solve(mesh, problem, tolerance=1e-10)
+            assert found.converged
+            assert found.x == pytest.approx(expected.x, abs=1e-7)
