@@ -39,6 +39,9 @@ from agglo_polydg_mg.space.quadrature import sample
 from agglo_polydg_mg.space.sampling import evaluate, gradient, quadrature, samples_of
 from agglo_polydg_mg.space.tensors import is_tensor, tensor
 
+Kept = tuple[Any, Float, EnergyNorm | None]
+"""Matrix, penalty and energy norm of an earlier problem with an equal matrix."""
+
 
 @dataclass(frozen=True)
 class PolyDG:
@@ -102,18 +105,23 @@ class PolyDG:
         mesh: Mesh,
         basis: Basis | None = None,
         units: UnitForms | None = None,
-        kept: tuple[Any, Float] | None = None,
+        kept: Kept | None = None,
     ) -> Lifted:
         """Return the system on a mesh, and its load for u − c with a constant c in each cell.
 
         The constants come from the Dirichlet data. If an earlier problem on the mesh left its :meth:`basis`
-        and ``units``, both save the purely geometric work. If its matrix is equal, matrix and penalty may be
-        ``kept``.
+        and ``units``, both save the purely geometric work. If its matrix is equal, it may be ``kept``.
         """
         asked, basis = _diffusion(problem), basis or self.basis(mesh)
         require_consistent(mesh, asked, self.degree)
         found = discretise_lifted(
-            basis.mesh, self.degree, asked, penalty=self.penalty, basis=basis, units=units, kept=kept
+            basis.mesh,
+            self.degree,
+            asked,
+            penalty=self.penalty,
+            basis=basis,
+            units=units,
+            kept=kept and kept[:2],
         )
         if basis.mesh is mesh:
             return found
@@ -126,7 +134,7 @@ class PolyDG:
         mesh: Mesh,
         basis: Basis | None = None,
         units: UnitForms | None = None,
-        kept: tuple[Any, Float] | None = None,
+        kept: Kept | None = None,
     ) -> solvers.FineSystem:
         """Return the system on a mesh in the form that solvers require.
 
@@ -151,7 +159,7 @@ class PolyDG:
             system.A,
             load,
             basis.n_local,
-            self.residual_measure(diffusion, mesh, load, basis),
+            self.residual_measure(diffusion, mesh, load, basis, kept and kept[2]),
             full=system.b,
             offset=offset if offset.any() else None,
             factor=factor,
@@ -244,12 +252,18 @@ class PolyDG:
         return load(self.basis(mesh), asked) if asked.dirichlet or floats else b
 
     def residual_measure(
-        self, problem: Problem, mesh: Mesh, b: Float, basis: Basis | None = None
+        self,
+        problem: Problem,
+        mesh: Mesh,
+        b: Float,
+        basis: Basis | None = None,
+        earlier: EnergyNorm | None = None,
     ) -> solvers.ResidualMeasure:
         """Return the function by which solvers measure residuals, for the right-hand side ``b (n,)``.
 
         It weights by κ + |b| h + c h² + α h with the cell means of κ and of the reaction c, |b| at
-        centroids, α of Robin data on the cell's faces, and the mean size h of all cells.
+        centroids, α of Robin data on the cell's faces, and the mean size h of all cells. The norm may
+        reuse parts of an ``earlier`` norm, of a problem with an equal matrix.
         """
         diffusion, basis = _diffusion(problem), basis or self.basis(mesh)
         kappa = cell_means(mesh, diffusion.kappa)
@@ -261,6 +275,7 @@ class PolyDG:
             kappa = frozen_float(kappa + h * largest_alpha(mesh, diffusion))
         has_data = diffusion.dirichlet or diffusion.robin
         norm = EnergyNorm(basis, diffusion, self.penalty) if has_data else None
+        norm = norm and earlier.with_data(diffusion) if earlier is not None else norm
         if kappa.min() == kappa.max():
             return solvers.ResidualMeasure(b, norm=norm)
         source = load(basis, diffusion) if diffusion.dirichlet else None

@@ -13,6 +13,7 @@ import agglo_core as agglo
 from agglo_core import Diffusion, Hierarchy, Linear, Mesh, OptionError, samples
 from agglo_core.solvers.direct import Direct
 from agglo_polydg_mg.forms import assembly
+from agglo_polydg_mg.forms.norms import EnergyNorm
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.numbering import numbering_for
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
@@ -144,6 +145,20 @@ def test_matrices_are_assembled_and_factorised_once(monkeypatch: pytest.MonkeyPa
     assert steps.setups == 1
     assert steps.solve(Diffusion(kappa=2.0)).converged
     assert steps.setups == 2
+
+
+@pytest.mark.parametrize("mesh", [samples.voronoi(40, seed=7), samples.tetrahedra(2)], ids=["2-D", "3-D"])
+def test_the_norm_of_the_jump_operator_is_that_of_the_sums(mesh: Mesh) -> None:
+    """For new data on the old norm, too."""
+    penalty, rng = "sharp", np.random.default_rng(2)
+    for kappa in (np.linspace(1.0, 9.0, mesh.n_cells), lambda x: 1.0 + x[:, 0]):
+        of = [Diffusion(kappa=kappa, dirichlet={0: lambda x, k=k: np.cos(k * x[:, 0])}) for k in (2, 3)]
+        old = EnergyNorm(PolyDG(2).basis(mesh), of[0], penalty)
+        x = rng.standard_normal(old.basis.n)
+        for norm, problem in ((old, of[0]), (old.with_data(of[1]), of[1])):
+            sums = EnergyNorm(old.basis, problem, penalty)
+            vars(sums)["_operator"] = None  # as on large meshes
+            assert norm(x) == pytest.approx(sums(x), rel=1e-12)
 
 
 def test_coefficients_altered_in_place_are_noticed() -> None:

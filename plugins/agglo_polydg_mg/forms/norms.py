@@ -21,6 +21,7 @@ from agglo_polydg_mg.forms.boundary import (
 )
 from agglo_polydg_mg.forms.coefficients import positive, reaction_blocks
 from agglo_polydg_mg.forms.face_quadrature import face_coefficients, face_rule, on_pieces
+from agglo_polydg_mg.forms.jump_operator import JumpOperator, jump_operator
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.quadrature import Batch, inside, sample
@@ -28,6 +29,8 @@ from agglo_polydg_mg.space.tensors import Tensor
 
 # Faces per batch: limits the memory for the traces at their quadrature points (benchmarks/constants.py)
 _FACES = 20_000
+
+_WITHOUT_DATA = ("_boundary", "_kappa", "_blocks", "_reaction", "_sigma", "_operator")
 
 Outside = Callable[[Int, Float], Float]
 """Outer values ``(t, q)`` on boundary faces ``(t,)`` at points ``(t, q, d)`` relative to the origin."""
@@ -49,18 +52,35 @@ class EnergyNorm:
 
     def __call__(self, x: Float) -> float:
         """Return the norm of the function with coefficients ``x (n,)``."""
-        u, kappa = self.basis.coefficients(x), self._kappa
+        u = self.basis.coefficients(x)
         inside = float(np.einsum("ci,cij,cj->", u, self._blocks, u, optimize=True))
         if self._reaction is not None:
             inside += float(np.einsum("ci,cij,cj->", u, self._reaction, u, optimize=True))
         if self._robin is not None:
             inside += self._robin.energy(u)
-        return float(np.sqrt(inside + jumps(self.basis, x, self._data, kappa, self._sigma)))
+        if self._operator is not None:
+            return float(np.sqrt(inside + self._operator.square(x, self._targets)))
+        return float(np.sqrt(inside + jumps(self.basis, x, self._data, self._kappa, self._sigma)))
+
+    def with_data(self, problem: Diffusion) -> EnergyNorm:
+        """Return the norm for a problem with an equal matrix, reusing all parts without data."""
+        norm = EnergyNorm(self.basis, problem, self.penalty)
+        vars(norm).update({name: vars(self)[name] for name in _WITHOUT_DATA if name in vars(self)})
+        return norm
 
     def _data(self, faces: Int, points: Float) -> Float:
         mesh, held = self.basis.mesh, self.problem.dirichlet
         g = boundary_values(mesh, self._boundary, held, faces, points, "dirichlet")
         return g - self._offset[mesh.face_cells[faces, 0], None]
+
+    @cached_property
+    def _operator(self) -> JumpOperator | None:
+        return jump_operator(self.basis, self._kappa, self._sigma)
+
+    @cached_property
+    def _targets(self) -> Float:
+        assert self._operator is not None
+        return self._data(self._operator.faces, self._operator.points)
 
     @cached_property
     def _boundary(self) -> Boundary:

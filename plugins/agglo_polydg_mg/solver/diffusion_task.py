@@ -26,8 +26,9 @@ from agglo_core.authoring import (
     solvers,
 )
 from agglo_polydg_mg.forms.coefficients import cell_means
+from agglo_polydg_mg.forms.norms import EnergyNorm
 from agglo_polydg_mg.forms.unit_forms import UnitForms
-from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.polydg import Kept, PolyDG
 from agglo_polydg_mg.solver.choose import Overrides, Plan, choose
 from agglo_polydg_mg.solver.levels import build, cells_per_part
 from agglo_polydg_mg.solver.numbering import Numbering, numbering_for
@@ -61,7 +62,7 @@ class DiffusionTask:
         units: UnitForms | None = None,
         plan: Plan | None = None,
         numbering: Numbering | None = None,
-        kept: tuple[Any, Float] | None = None,
+        kept: Kept | None = None,
     ) -> None:
         if hierarchy.fine is None:
             raise OptionError(
@@ -88,6 +89,13 @@ class DiffusionTask:
         task = copy(self)
         task.fine = self.fine.with_load(self.numbering.load(load))
         return task
+
+    @property
+    def kept(self) -> Kept:
+        """Parts of the system that serve problems with an equal matrix."""
+        sigma, norm = self.fine.sigma, self.fine.measure.norm
+        assert sigma is not None  # every discretised system has a penalty
+        return self.fine.A, sigma, norm if isinstance(norm, EnergyNorm) else None
 
     @property
     def plan(self) -> Plan:

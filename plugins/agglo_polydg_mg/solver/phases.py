@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from agglo_core.authoring import (
     Diffusion,
-    Float,
     Hierarchy,
     History,
     Linear,
@@ -23,7 +21,7 @@ from agglo_core.authoring import (
     solvers,
 )
 from agglo_polydg_mg.forms.unit_forms import UnitForms
-from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.polydg import Kept, PolyDG
 from agglo_polydg_mg.solver.choose import Overrides, Plan
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
 from agglo_polydg_mg.solver.numbering import Numbering
@@ -40,7 +38,7 @@ def task_for(
     units: UnitForms | None = None,
     plan: Plan | None = None,
     numbering: Numbering | None = None,
-    kept: tuple[Any, Float] | None = None,
+    kept: Kept | None = None,
 ) -> Task:
     """Check that a problem fits a hierarchy, and discretise it if it is a diffusion problem.
 

@@ -116,7 +116,7 @@ class RepeatedSolves:
             plan = self._plan if self._kept else None
             coefficients, kept = coefficients_of(problem), None
             if isinstance(self._task, DiffusionTask) and equal_coefficients(coefficients, self._coefficients):
-                kept = self._task.fine.A, self._task.fine.sigma
+                kept = self._task.kept
             task = task_for(problem, *self._made_of, self._units, plan, self._numbering, kept)
             self._task, self._coefficients = task, coefficients
         return self._solve(_with_load(task, load), watch, progress)
