@@ -98,6 +98,8 @@ def _system(problem: Problem, hierarchy: Hierarchy) -> tuple[Any, Float, Int]:
         raise OptionError(f"expected a Diffusion or Linear problem, given {type(problem).__name__}")
     if hierarchy.fine is None:
         raise ValueError("diffusion needs a mesh, but this hierarchy belongs to a graph without a mesh")
+    if callable(problem.convection) or np.any(problem.convection):
+        raise OptionError("the problem has convection, but this solver requires a symmetric matrix")
     A, b = _fluxes(problem, hierarchy.fine)
     return A, b, np.arange(len(b))
 
