@@ -20,9 +20,10 @@ As a TOML table, with numbers by cell tag and boundary tag (no expressions):
     alpha = 10.0
     value = 2.0
 
-Default κ and source are 1, default reaction is 0. Without [dirichlet], [neumann] and [robin], u = 0 on the
-whole boundary. With [neumann] alone and no reaction, source and fluxes must balance, and u has mean 0. A
-first line face tag instead of "boundary".
+Default κ and source are 1; default reaction and convection are 0. Without [dirichlet], [neumann] and
+[robin], u = 0 on the whole boundary. With [neumann] alone and no reaction, source and fluxes must balance,
+and u has mean 0. A first line ``boundary = "gmsh:physical"`` selects another face tag instead of
+"boundary".
 """
 
 from __future__ import annotations
@@ -67,11 +68,12 @@ class Diffusion:
         ``(q,)``, or ``(q, d, d)`` for a tensor.
     source : Field
         Right-hand side f.
-    dirichlet, neumann : mapping of boundary tag value to Field
-        Boundary values u and outward fluxes κ ∂u/∂n. Without these and ``robin``, u = 0 on the whole
-        boundary. Otherwise faces with other tags are insulated. On a domain component without a tag in
-        ``dirichlet``, a positive α and a positive reaction, u is determined only up to a constant: source
-        and fluxes must then balance, and u has mean 0.
+    dirichlet : mapping of boundary tag value to Field
+        Boundary values u. Without boundary data of any kind, u = 0 on the whole boundary.
+    neumann : mapping of boundary tag value to Field
+        Outward fluxes κ ∂u/∂n. Faces with tags in no mapping are insulated. On a domain component with
+        neither Dirichlet data, positive α nor positive reaction, u is determined only up to a constant:
+        source and fluxes must then balance, and u has mean 0.
     exact : callable, optional
         Exact solution, if known, for error norms. A solver that discretises the problem refuses it if it
         differs from the Dirichlet data on the boundary. It must have mean 0 where u has.
@@ -82,8 +84,8 @@ class Diffusion:
         Coefficient c, not negative.
     convection : (d,) or (n_cells, d) float, or callable
         Velocity b, discretised upwind. A callable returns values ``(q, d)``. Its normal component should be
-        continuous. The problem is well posed if c − ½ ∇·b ≥ 0, which is not checked. The matrix is then
-        not symmetric: use the solver ``direct``.
+        continuous. The problem is well posed if c − ½ ∇·b ≥ 0, which is not checked. The matrix is not
+        symmetric.
     robin : mapping of boundary tag value to (Field, Field)
         α and g of α u + κ ∂u/∂n = g, α not negative.
 
