@@ -43,6 +43,7 @@ class FineSystem(NamedTuple):
     of squares, and 1 for moderate data. The matrix is ``matrix_factor`` times the problem's matrix, hence x
     is factor / matrix_factor times the problem's solution. ``sigma (n_faces,)`` is the jump penalty of
     discretised problems. ``meaning`` holds what interprets unknowns: discretisation, mesh and problem.
+    ``penalty (n_faces,)`` is the jump penalty before it was scaled by directions of a tensor coefficient.
     ``means``, if given, maps x to the vector that is subtracted from it, because the problem determines x
     only up to constants.
     """
@@ -58,6 +59,7 @@ class FineSystem(NamedTuple):
     meaning: tuple[Any, Mesh, Problem] | None = None
     matrix_factor: float = 1.0
     means: Callable[[Float], Float] | None = None
+    penalty: Float | None = None
 
     def with_load(self, load: Float) -> FineSystem:
         """Return the system of a discretised problem with ``load (n,)`` added to the right-hand side.

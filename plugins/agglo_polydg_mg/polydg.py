@@ -26,7 +26,7 @@ from agglo_core.authoring import (
 from agglo_polydg_mg.forms.assembly import Lifted, discretise_lifted, effective_penalty, load
 from agglo_polydg_mg.forms.boundary import boundary_faces, largest_alpha, require_consistent
 from agglo_polydg_mg.forms.coefficients import cell_means, is_zero
-from agglo_polydg_mg.forms.convection import mean_speed
+from agglo_polydg_mg.forms.convection import mean_speed, velocity
 from agglo_polydg_mg.forms.floating import floating_parts, mean_remover
 from agglo_polydg_mg.forms.fluxes import fluxes
 from agglo_polydg_mg.forms.norms import EnergyNorm, errors
@@ -164,6 +164,7 @@ class PolyDG:
             offset=offset if offset.any() else None,
             factor=factor,
             sigma=effective_penalty(basis, diffusion, sigma),
+            penalty=sigma,
             meaning=(self, mesh, problem),
             means=self.means(diffusion, mesh, basis),
         )
@@ -212,7 +213,12 @@ class PolyDG:
 
         See :func:`~agglo_polydg_mg.forms.fluxes.fluxes`.
         """
-        return fluxes(self.basis(mesh), mesh, x, _diffusion(problem), self.penalty)
+        diffusion = _diffusion(problem)
+        if velocity(mesh, diffusion.convection) is not None:
+            raise OptionError(
+                "fluxes are not available for problems with convection: b·∇u is not conservative"
+            )
+        return fluxes(self.basis(mesh), mesh, x, diffusion, self.penalty)
 
     def mass(self, mesh: Mesh) -> Any:
         """Return the mass matrix ``(n, n)``, with one block per cell."""
@@ -262,8 +268,8 @@ class PolyDG:
         """Return the function by which solvers measure residuals, for the right-hand side ``b (n,)``.
 
         It weights by κ + |b| h + c h² + α h with the cell means of κ and of the reaction c, |b| at
-        centroids, α of Robin data on the cell's faces, and the mean size h of all cells. The norm may
-        reuse parts of an ``earlier`` norm, of a problem with an equal matrix.
+        centroids, α of Robin data on the cell's faces, and the mean size h of all cells. The norm may reuse
+        parts of an ``earlier`` norm, of a problem with an equal matrix.
         """
         diffusion, basis = _diffusion(problem), basis or self.basis(mesh)
         kappa = cell_means(mesh, diffusion.kappa)

@@ -147,6 +147,33 @@ def test_matrices_are_assembled_and_factorised_once(monkeypatch: pytest.MonkeyPa
     assert steps.setups == 2
 
 
+def test_a_tensor_with_new_boundary_values_is_solved_as_afresh() -> None:
+    mesh, kappa = samples.voronoi(60, seed=8), np.array([[2.0, 0.9], [0.9, 0.5]])
+    solver, hierarchy = PolyDGMultigrid(tolerance=1e-10), bare(mesh)
+    steps = solver.repeated(hierarchy)
+    for k in range(3):
+        problem = Diffusion(kappa=kappa, dirichlet={0: lambda x, k=k: np.cos(k + x[:, 0])})
+        kept, fresh = steps.solve(problem), solver.solve(problem, hierarchy)
+        np.testing.assert_allclose(kept.b, fresh.b, atol=1e-12 * np.abs(fresh.b).max())
+        np.testing.assert_allclose(kept.x, fresh.x, atol=1e-7)
+
+
+def test_convection_keeps_its_matrix_over_steps() -> None:
+    mesh = samples.voronoi(60, seed=9)
+    for solver in (Direct(), Direct(degree=2)):
+        steps = solver.repeated(bare(mesh))
+        for k in range(3):
+            problem = Diffusion(convection=(3.0, 1.0), source=1.0 + k, dirichlet={0: 1.0 * k})
+            kept, fresh = steps.solve(problem), solver.solve(problem, bare(mesh))
+            assert kept.converged
+            np.testing.assert_allclose(kept.x, fresh.x, atol=1e-9)
+        assert steps.setups == 1
+        with pytest.raises(OptionError, match="fluxes are not available"):
+            kept.fluxes()
+    states = list(agglo.evolve(mesh, problem, 0.0, 0.3, 0.1, solver="direct"))
+    assert states[-1][1].converged
+
+
 @pytest.mark.parametrize("mesh", [samples.voronoi(40, seed=7), samples.tetrahedra(2)], ids=["2-D", "3-D"])
 def test_the_norm_of_the_jump_operator_is_that_of_the_sums(mesh: Mesh) -> None:
     """For new data on the old norm, too."""

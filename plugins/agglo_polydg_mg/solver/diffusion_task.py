@@ -93,9 +93,9 @@ class DiffusionTask:
     @property
     def kept(self) -> Kept:
         """Parts of the system that serve problems with an equal matrix."""
-        sigma, norm = self.fine.sigma, self.fine.measure.norm
-        assert sigma is not None  # every discretised system has a penalty
-        return self.fine.A, sigma, norm if isinstance(norm, EnergyNorm) else None
+        penalty, norm = self.fine.penalty, self.fine.measure.norm
+        assert penalty is not None  # every discretised system has one
+        return self.fine.A, penalty, norm if isinstance(norm, EnergyNorm) else None
 
     @property
     def plan(self) -> Plan:
