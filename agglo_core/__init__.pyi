@@ -38,6 +38,7 @@ from agglo_core.mesh import Mesh as Mesh
 from agglo_core.multigrid.system_levels import build_levels as build_levels
 from agglo_core.problems import (
     Diffusion as Diffusion,
+    Elasticity as Elasticity,
     Linear as Linear,
     Solution as Solution,
     evolve as evolve,

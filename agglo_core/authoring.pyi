@@ -79,6 +79,7 @@ from agglo_core.problems import (
     CoarseSpace as CoarseSpace,
     Diffusion as Diffusion,
     Discretisation as Discretisation,
+    Elasticity as Elasticity,
     Field as Field,
     Lifting as Lifting,
     Linear as Linear,
@@ -89,6 +90,7 @@ from agglo_core.problems import (
     Samples as Samples,
     Solution as Solution,
     System as System,
+    VectorField as VectorField,
 )
 from agglo_core.problems.iteration_history import (
     History as History,

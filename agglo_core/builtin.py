@@ -116,6 +116,10 @@ _SAMPLES = {
 _SOLID_SAMPLES = ("boxes", "tetrahedra", "random_tetrahedra", "voronoi3d", "prisms", "layered", "brain3d")
 _PROBLEMS = {
     "diffusion": ("diffusion:Diffusion", "−∇·(κ∇u) = f; data by cell tag and boundary tag in a file."),
+    "elasticity": (
+        "elasticity:Elasticity",
+        "Linear elasticity; data by cell tag and boundary tag in a file.",
+    ),
     "linear": ("linear:Linear", "A x = b from files, with unknowns in the cells of the mesh."),
     "constant": ("diffusion:constant", "−Δu = 8 with u = 0 on the boundary (the paper's published counts)."),
     "sine": ("diffusion:sine", "f = 2π² sin πx sin πy with u = 0 on the boundary (the paper's text)."),

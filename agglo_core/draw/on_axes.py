@@ -83,13 +83,13 @@ def plot_samples(samples: Samples, ax: Any = None, *, across: str = "z", cmap: s
     from matplotlib.tri import Triangulation
 
     by_number([], cmap=cmap)  # refuses unknown names
-    section = Slice(samples.points, samples.simplices, samples.values)
+    section = Slice(samples.points, samples.simplices, samples.sizes)
     names = "xy"
     if samples.points.shape[1] == 3:
         section, names = middle_slice(samples, _AXES.index(across)), _AXES.replace(across, "")
     ax = new_axes() if ax is None else ax
     corners = Triangulation(section.points[:, 0], section.points[:, 1], section.triangles)
-    ends = {"vmin": samples.values.min(), "vmax": samples.values.max()}
+    ends = {"vmin": samples.sizes.min(), "vmax": samples.sizes.max()}
     colours = ax.tripcolor(corners, section.values, shading="gouraud", rasterized=True, cmap=cmap, **ends)
     ax.set(aspect="equal", xlabel=names[0], ylabel=names[1])
     ax.get_figure().colorbar(colours, ax=ax).set_label("u", rotation=0)  # turned, it looks like an n

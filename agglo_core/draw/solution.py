@@ -49,7 +49,7 @@ def middle_slice(samples: Samples, axis: int) -> Slice:
     # Interpolate points and values on the cut edges.
     share = height[tail] / (height[tail] - height[head])
     points = samples.points[tail] + share[:, None] * (samples.points[head] - samples.points[tail])
-    values = samples.values[tail] + share * (samples.values[head] - samples.values[tail])
+    values = samples.sizes[tail] + share * (samples.sizes[head] - samples.sizes[tail])
     return Slice(np.delete(points, axis, axis=1), np.arange(len(values)).reshape(-1, 3), values)
 
 
@@ -76,7 +76,7 @@ def draw_solution(path: Path, samples: Samples) -> None:
     figure = Figure(figsize=(1.0 + 5.0 * len(slices), 5.0), dpi=160, layout="constrained")
     FigureCanvasAgg(figure)
     axes: Any = figure.subplots(1, len(slices), squeeze=False, subplot_kw={"aspect": "equal"})[0]
-    low, high = (float(end(samples.values)) for end in (np.min, np.max))
+    low, high = (float(end(samples.sizes)) for end in (np.min, np.max))
     for axis, (title, section) in zip(axes, slices.items(), strict=True):
         corners = Triangulation(section.points[:, 0], section.points[:, 1], section.triangles)
         colours = axis.tripcolor(
@@ -91,7 +91,7 @@ def draw_solution(path: Path, samples: Samples) -> None:
 def _slices(samples: Samples) -> dict[str, Slice]:
     """Return plane pictures by title: the function itself in 2-D, or three slices in 3-D."""
     if samples.points.shape[1] == 2:
-        return {"": Slice(samples.points, samples.simplices, samples.values)}
+        return {"": Slice(samples.points, samples.simplices, samples.sizes)}
     low, high = samples.points.min(axis=0), samples.points.max(axis=0)
     middle = (low + high) / 2
     return {f"{name} = {middle[k]:.4g}": middle_slice(samples, k) for k, name in enumerate(_AXES)}

@@ -3,6 +3,7 @@
 from agglo_core.problems.choosing import discretisation_of, named_problem, read_problem, require_accepted
 from agglo_core.problems.diffusion import Diffusion
 from agglo_core.problems.discretisation import Discretisation, Field, Problem, Quadrature, Samples
+from agglo_core.problems.elasticity import Elasticity, VectorField
 from agglo_core.problems.evolution import evolve
 from agglo_core.problems.linear import Linear
 from agglo_core.problems.multigrid_level import Coarsening, CoarseSpace, MultigridLevel, Patches
@@ -15,6 +16,7 @@ __all__ = [
     "Coarsening",
     "Diffusion",
     "Discretisation",
+    "Elasticity",
     "Field",
     "Lifting",
     "Linear",
@@ -25,6 +27,7 @@ __all__ = [
     "Samples",
     "Solution",
     "System",
+    "VectorField",
     "discretisation_of",
     "evolve",
     "named_problem",

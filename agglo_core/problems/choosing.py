@@ -153,13 +153,27 @@ def discretisation_of(solver: object, problem: Problem) -> Discretisation | None
     >>> discretisation_of(solver, Diffusion()) is not None
     True
     """
-    discretisation = getattr(solver, "discretisation", None)
+    discretisation = discretisation_for(getattr(solver, "discretisation", None), problem)
     if discretisation is None:
         return None
     lacking = [name for name in _OFFERED if not hasattr(discretisation, name)]
     if lacking:
         raise OptionError(f"the discretisation of {type(solver).__name__} lacks {', '.join(lacking)}")
     return discretisation if problem.kind in discretisation.accepts else None
+
+
+def discretisation_for(discretisation: Any, problem: Problem) -> Any:
+    """Return the discretisation for the problem's kind that a given one offers by ``of_kind``, or itself.
+
+    Examples
+    --------
+    >>> from agglo_core.problems.choosing import discretisation_for
+    >>> polydg = agglo.registry.default().build("discretisation", "polydg", degree=2)
+    >>> discretisation_for(polydg, agglo.Elasticity())
+    PolyDGElasticity(degree=2)
+    """
+    of_kind = getattr(discretisation, "of_kind", None)
+    return discretisation if of_kind is None else of_kind(problem.kind)
 
 
 def _is_declared(name: str, registry: Registry) -> bool:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
+import numpy as np
+
 from agglo_core.arrays import Float, Int
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import import_function
@@ -47,7 +49,8 @@ class Samples:
     points : (q, d) float
     simplices : (t, d + 1) int
         Triangles or tetrahedra by point numbers, each within one cell.
-    values : (q,) float
+    values : (q,) or (q, d) float
+        Numbers, or vectors such as displacements.
     gradients : (t, d) float, optional
         Gradient at the centroid of each simplex, written to files.
     """
@@ -57,6 +60,11 @@ class Samples:
     simplices: Int
     values: Float
     gradients: Float | None = None
+
+    @property
+    def sizes(self) -> Float:
+        """The values, or the lengths of vectors ``(q,)``: what pictures show."""
+        return self.values if self.values.ndim == 1 else np.linalg.norm(self.values, axis=1)
 
     def plot(self, ax: Any = None, *, across: str = "z", cmap: str = "viridis") -> Any:
         """Draw the function with its jumps on matplotlib axes, in 3-D on a plane through the middle.
@@ -135,6 +143,8 @@ class Discretisation(Protocol):
     - ``errors_in(problem, mesh, x, cells)``: norms as ``errors``, restricted to the cells in the mask
       ``cells (n_cells,)`` and to half of their faces to other cells. Over a partition of the mesh, the
       squares add up to those of ``errors``. On several ranks, each rank measures its own cells.
+    - ``of_kind(kind)``: the discretisation for another kind of problem, with equal options. A solver then
+      needs a single ``discretisation`` for all kinds that it accepts.
 
     Examples
     --------
@@ -163,11 +173,17 @@ class Discretisation(Protocol):
         ...
 
     def project(self, mesh: Mesh, function: Field) -> Float:
-        """Return the unknowns ``(n,)`` of a function's L2 projection."""
+        """Return the unknowns ``(n,)`` of a function's L2 projection.
+
+        If values are vectors, a function with values ``(q,)`` stands for equal components.
+        """
         ...
 
     def evaluate(self, mesh: Mesh, x: Float, points: Float) -> Float:
-        """Evaluate the function with unknowns ``x (n,)`` at points: values ``(q,)``, NaN outside the mesh."""
+        """Evaluate the function with unknowns ``x (n,)`` at points: values ``(q,)``, NaN outside the mesh.
+
+        Vector functions have values ``(q, d)``.
+        """
         ...
 
     def sample(self, mesh: Mesh, x: Float) -> Samples:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from agglo_core.mesh import Mesh
 from agglo_core.suggestions import did_you_mean
 
 _LARGEST = sys.float_info.max
+_Value = TypeVar("_Value")
 
 
 def require_keys(table: Mapping[str, Any], keys: Sequence[str]) -> None:
@@ -75,13 +76,6 @@ def tensor_values(key: str, given: Any, mesh: Mesh) -> float | Float:
     return frozen_float(np.array(matrices)[cells])
 
 
-def vector(key: str, given: Any, dim: int) -> Float:
-    """Return a list of numbers as a vector ``(dim,)``, or raise OptionError."""
-    if not isinstance(given, list) or len(given) != dim:
-        raise OptionError(f"{key} must be a list of {dim} numbers, given {given!r:.60}")
-    return frozen_float([number(key, value) for value in given])
-
-
 def _matrix(key: str, given: Any, dim: int) -> Float:
     """Return a symmetric matrix ``(dim, dim)`` from nested lists."""
     rows = [row if isinstance(row, list) else [row] for row in given]
@@ -112,7 +106,7 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
     kinds = mesh.cell_kinds
     if tag not in kinds:
         raise OptionError(f"{key}.{tag}: the tag has too many values for a table on several ranks")
-    by_value = _numbers_by_tag(f"{key}.{tag}", values, _values_by_name(kinds[tag], kinds))
+    by_value = _read_by_tag(f"{key}.{tag}", values, _values_by_name(kinds[tag], kinds), number)
     present = np.unique(kinds[tag])
     lacking = [int(tag_value) for tag_value in present if int(tag_value) not in by_value]
     if lacking:
@@ -123,6 +117,18 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
         raise OptionError(f"{key}.{tag} names {foreign[0]}; the tag's values in the mesh are: {choices}")
     numbers = np.array([by_value[int(tag_value)] for tag_value in present])
     return frozen_float(numbers[np.searchsorted(present, mesh.cell_tags[tag])])
+
+
+def vector(key: str, value: Any, dim: int) -> Float:
+    """Return the value of a key as a vector ``(dim,)`` of finite floats, or raise OptionError."""
+    if not isinstance(value, list) or len(value) != dim:
+        raise OptionError(f"{key} must be a list of {dim} numbers, given {value!r:.60}")
+    return frozen_float([number(f"{key}[{axis}]", entry) for axis, entry in enumerate(value)])
+
+
+def boundary_vectors(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int, Float]:
+    """Return the vector for each value of a face tag on the boundary, as :func:`boundary_values`."""
+    return _by_boundary_tag(key, given, mesh, face_tag, lambda name, value: vector(name, value, mesh.dim))
 
 
 def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int, float]:
@@ -138,6 +144,12 @@ def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int
     OptionError
         For a value without boundary faces, or an entry that is not a number.
     """
+    return _by_boundary_tag(key, given, mesh, face_tag, number)
+
+
+def _by_boundary_tag(
+    key: str, given: Any, mesh: Mesh, face_tag: str, read: Callable[[str, Any], _Value]
+) -> dict[int, _Value]:
     if not isinstance(given, Mapping):
         raise OptionError(
             f"{key} must be a table by boundary tag, given {given!r:.60}: below a line [{key}] write a "
@@ -146,7 +158,7 @@ def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int
     kinds = mesh.boundary_kinds
     tags = kinds.tags.get(face_tag, np.zeros_like(kinds.component))
     present = np.unique(tags).tolist()
-    values = _numbers_by_tag(key, given, _values_by_name(tags, kinds.tags))
+    values = _read_by_tag(key, given, _values_by_name(tags, kinds.tags), read)
     for tag in values:
         if tag not in present:
             choices = f"{', '.join(map(str, present))} ({_tags_of(mesh)})"
@@ -191,14 +203,16 @@ def _values_by_name(values: Int, marks: Mapping[str, Int]) -> dict[str, int]:
     return names
 
 
-def _numbers_by_tag(key: str, table: Mapping[str, Any], names: Mapping[str, int]) -> dict[int, float]:
-    """Return the number for each tag value, from a table by tag value or name without repetitions."""
-    values: dict[int, float] = {}
+def _read_by_tag(
+    key: str, table: Mapping[str, Any], names: Mapping[str, int], read: Callable[[str, Any], _Value]
+) -> dict[int, _Value]:
+    """Return the value for each tag value, from a table by tag value or name without repetitions."""
+    values: dict[int, _Value] = {}
     for name, value in table.items():
         tag = names[name] if name in names else _tag_value(key, name, names)
         if tag in values:
             raise OptionError(f"{key} gives tag {tag} twice")
-        values[tag] = number(f"{key}.{name}", value)
+        values[tag] = read(f"{key}.{name}", value)
     return values
 
 

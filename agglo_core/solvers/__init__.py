@@ -24,7 +24,7 @@ from agglo_core.solvers.option_checks import (
 )
 from agglo_core.solvers.plain_cg import PlainCG
 from agglo_core.solvers.residual_measure import ResidualMeasure
-from agglo_core.solvers.scaling import data_size, factor_for, times, unscaled
+from agglo_core.solvers.scaling import data_size, factor_for, matrix_factor, times, unscaled
 from agglo_core.solvers.stopwatch import Stopwatch
 
 __all__ = [
@@ -42,6 +42,7 @@ __all__ = [
     "default_levels",
     "factor_for",
     "fine_system",
+    "matrix_factor",
     "own_mesh",
     "require_cells",
     "require_count",

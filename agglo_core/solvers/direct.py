@@ -12,6 +12,7 @@ from agglo_core.arrays import Float, frozen_float
 from agglo_core.errors import OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Linear, Problem, Solution
+from agglo_core.problems.choosing import discretisation_for
 from agglo_core.problems.iteration_history import MET, TESTS, History, unsolved
 from agglo_core.problems.residuals.backward_error import limit_told
 from agglo_core.problems.residuals.sizes import size_ratio, two_norm
@@ -57,7 +58,7 @@ class Direct:
         For an invalid value, or a backend that is not installed.
     """
 
-    accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
+    accepts: ClassVar[tuple[str, ...]] = ("diffusion", "elasticity", "linear")
     needs_levels: ClassVar[bool] = False
     tells_progress: ClassVar[bool] = True
 
@@ -103,7 +104,7 @@ class Direct:
         """Return the kind of system for the advice: linear, or by the smoother that polydg_mg would use."""
         if isinstance(problem, Linear):
             return "linear"
-        return cast("Kind", self.discretisation.matrix_kind(problem, fine))
+        return cast("Kind", discretisation_for(self.discretisation, problem).matrix_kind(problem, fine))
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
         """Return the inverse ``(n, n)`` as an operator, also for several right-hand sides ``(n, k)`` at once.

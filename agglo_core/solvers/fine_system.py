@@ -16,6 +16,7 @@ from agglo_core.errors import OptionError, PluginError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Lifting, Linear, Problem, Solution
+from agglo_core.problems.choosing import discretisation_for
 from agglo_core.problems.iteration_history import History
 from agglo_core.problems.linear import require_cells, symmetric_system
 from agglo_core.problems.residuals.row_scales import lifted, row_measure
@@ -184,6 +185,7 @@ def fine_system(
             f"a problem of kind {problem.kind} must be discretised, but no installed plugin provides a "
             "discretisation: give a Linear problem, or install the plugin with the discretisation polydg"
         )
+    how = discretisation_for(how, problem)
     if getattr(problem, "kind", None) not in how.accepts:
         raise OptionError(f"problem must be a Diffusion or a Linear, given {type(problem).__name__}")
     if not nonsymmetric:

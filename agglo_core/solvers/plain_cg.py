@@ -34,7 +34,7 @@ class PlainCG:
     max_iterations : int
     """
 
-    accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
+    accepts: ClassVar[tuple[str, ...]] = ("diffusion", "elasticity", "linear")
     plain_cg: ClassVar[bool] = True
     tells_progress: ClassVar[bool] = True
 

@@ -45,7 +45,7 @@ class Piece(NamedTuple):
     cells : mapping
         ``connectivity``, ``offsets``, ``types``; with polyhedra also ``faces`` and ``faceoffsets``.
     point_data, cell_data : mapping
-        Numbers ``(n,)`` or vectors ``(n, d)``.
+        Numbers ``(n,)``, or vectors ``(n, d)``, to which 0 is added as the third component in 2-D.
     derived : mapping
         More cell data, with the attribute ``mark``.
     mark : str
