@@ -5,7 +5,7 @@ from agglo_core.authoring import Component, hookimpl
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Return this plugin's components: a discretisation, four solvers and a smoother."""
+    """Return this plugin's components: two discretisations, four solvers and a smoother."""
     return [
         Component(
             kind="discretisation",
@@ -13,6 +13,13 @@ def agglo_components() -> list[Component]:
             target="agglo_polydg_mg.polydg:PolyDG",
             promises={"deterministic": True, "3d": True, "pickles": True, "patch_test": True},
             summary="Discontinuous polynomials on polygons and polyhedra (paper, §5).",
+        ),
+        Component(
+            kind="discretisation",
+            name="polydg_elasticity",
+            target="agglo_polydg_mg.elasticity.discretisation:PolyDGElasticity",
+            promises={"deterministic": True, "3d": True, "pickles": True},
+            summary="Discontinuous polynomial displacements on polygons and polyhedra.",
         ),
         Component(
             kind="solver",

@@ -10,6 +10,7 @@ import numpy as np
 
 from agglo_core.authoring import (
     Diffusion,
+    Elasticity,
     Field,
     Float,
     Int,
@@ -23,6 +24,7 @@ from agglo_core.authoring import (
     frozen_float,
     solvers,
 )
+from agglo_polydg_mg.elasticity.discretisation import PolyDGElasticity
 from agglo_polydg_mg.forms.assembly import Lifted, discretise_lifted, effective_penalty, load
 from agglo_polydg_mg.forms.boundary import boundary_faces, largest_alpha, require_consistent
 from agglo_polydg_mg.forms.coefficients import cell_means, is_zero
@@ -30,7 +32,7 @@ from agglo_polydg_mg.forms.convection import mean_speed, velocity
 from agglo_polydg_mg.forms.floating import floating_parts, mean_remover
 from agglo_polydg_mg.forms.fluxes import fluxes
 from agglo_polydg_mg.forms.norms import EnergyNorm, errors
-from agglo_polydg_mg.forms.penalty import Penalty, require_penalty
+from agglo_polydg_mg.forms.penalty import PAPER, Penalty, require_penalty
 from agglo_polydg_mg.forms.sides import with_straight_sides
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.solver.choose import choose
@@ -76,6 +78,24 @@ class PolyDG:
         solvers.require_count("degree", self.degree, 1, 6)
         require_penalty(self.penalty)
         solvers.require_truth("scaled_basis", self.scaled_basis)
+
+    def of_kind(self, kind: str) -> Any:
+        """Return the discretisation for problems of a kind: another one for elasticity, else this one.
+
+        Elasticity has its own penalty and basis scaling: only the degree is taken.
+
+        Raises
+        ------
+        OptionError
+            For elasticity, if the penalty is neither a default nor ``sharp``.
+        """
+        if kind != Elasticity.kind:
+            return self
+        if self.penalty not in (PAPER, "paper", "sharp"):
+            raise OptionError(
+                f"elasticity has its own jump penalty; given penalty = {self.penalty!r}, expected 'sharp'"
+            )
+        return PolyDGElasticity(self.degree)
 
     def basis(self, mesh: Mesh) -> Basis:
         """Return the discontinuous polynomial basis on a mesh.

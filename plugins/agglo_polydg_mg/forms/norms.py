@@ -210,7 +210,9 @@ def errors(
     for batch in inside(basis.mesh, 2 * basis.degree + 6):
         cells, points = batch.cells, batch.points + basis.mesh.origin
         e = sample(exact, points, "exact") - c[cells] - basis.evaluate(remainder, cells, points)
-        slopes = _differences(basis, exact, c, batch) if gradient is None else np.asarray(gradient(points))
+        slopes = (
+            difference_quotients(basis, exact, c, batch) if gradient is None else np.asarray(gradient(points))
+        )
         slopes = slopes - np.einsum("qdk,qk->qd", basis.gradients(cells, batch.points), coefficients[cells])
         weights = batch.weights if chosen is None else batch.weights * chosen[cells]
         square = weights * (slopes**2).sum(axis=1)
@@ -221,7 +223,7 @@ def errors(
         return values.reshape(points.shape[:2]) - c[basis.mesh.face_cells[faces, 0], None]
 
     # 3. Face jumps
-    counted = sigma if chosen is None else sigma * _shares(basis.mesh, chosen)
+    counted = sigma if chosen is None else sigma * shares_of_faces(basis.mesh, chosen)
     sums[2] += jumps(basis, remainder, outside, kappa, counted)
     return Errors(*np.sqrt(sums).tolist())
 
@@ -234,13 +236,13 @@ def _densities(kappa: Field | Tensor, points: Float, cells: Int, slopes: Float) 
     return np.asarray(values * (slopes**2).sum(axis=1))
 
 
-def _shares(mesh: Mesh, cells: Mask) -> Float:
+def shares_of_faces(mesh: Mesh, cells: Mask) -> Float:
     """Return the fraction of each face ``(n_faces,)`` that belongs to the chosen cells."""
     sides = mesh.face_cells
     return np.asarray(np.append(cells, False)[sides].sum(axis=1) / (sides >= 0).sum(axis=1))
 
 
-def _differences(basis: Basis, exact: Callable[[Float], Float], offset: Float, batch: Batch) -> Float:
+def difference_quotients(basis: Basis, exact: Callable[[Float], Float], offset: Float, batch: Batch) -> Float:
     """Return the gradient ``(q, d)`` of a callable by fourth-order central differences.
 
     The steps grow with the ratio of the offset ``(n_cells,)`` to the remaining values: the rounding error

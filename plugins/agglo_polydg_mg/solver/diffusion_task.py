@@ -19,6 +19,7 @@ from agglo_core.authoring import (
     Hierarchy,
     History,
     Int,
+    Mesh,
     OptionError,
     Solution,
     Tell,
@@ -76,13 +77,16 @@ class DiffusionTask:
         self._how, self._mesh, self._problem = how, hierarchy.fine, problem
         try:
             self.basis: Basis = how.basis(self.numbering.mesh) if units is None else units.basis
-            own = solvers.own_mesh(self.hierarchy)
-            self.fine = how.fine_system(self.problem, own, self.basis, units, kept)
+            self.fine = self._assembled(solvers.own_mesh(self.hierarchy), units, kept)
         except AggloError:
             if self.numbering.cells is not None:
                 # Raise the error with the user's cell numbers
                 how.fine_system(problem, solvers.own_mesh(hierarchy))
             raise
+
+    def _assembled(self, mesh: Mesh, units: UnitForms | None, kept: Kept | None) -> solvers.FineSystem:
+        """Discretise the problem on a mesh."""
+        return self._how.fine_system(self.problem, mesh, self.basis, units, kept)
 
     def with_load(self, load: Float) -> DiffusionTask:
         """Return the task with ``load (n,)``, in the user's numbering, added to the right-hand side."""
@@ -91,10 +95,11 @@ class DiffusionTask:
         return task
 
     @property
-    def kept(self) -> Kept:
-        """Parts of the system that serve problems with an equal matrix."""
+    def kept(self) -> Kept | None:
+        """Parts of the system that serve problems with an equal matrix, None for elasticity."""
         penalty, norm = self.fine.penalty, self.fine.measure.norm
-        assert penalty is not None  # every discretised system has one
+        if penalty is None:
+            return None
         return self.fine.A, penalty, norm if isinstance(norm, EnergyNorm) else None
 
     @property
@@ -197,7 +202,7 @@ class DiffusionTask:
         """
         for more in _SHIFTS:
             try:
-                return build(self.plan, self.problem, self._shifted(more), self.basis, self.labels)
+                return self._built(self._shifted(more))
             except np.linalg.LinAlgError:
                 self.use_double()
         self._plan = replace(
@@ -205,11 +210,15 @@ class DiffusionTask:
             reason=(f"{self.plan.reason}; levels built with the diagonal increased by {_LARGEST_SHIFT:g}"),
         )
         try:
-            return build(self.plan, self.problem, self._shifted(_LARGEST_SHIFT), self.basis, self.labels)
+            return self._built(self._shifted(_LARGEST_SHIFT))
         except np.linalg.LinAlgError:
             if not self.change_method():
                 raise
         return self.stack()
+
+    def _built(self, fine: solvers.FineSystem) -> Any:
+        """Build the levels of the plan for a system."""
+        return build(self.plan, self.problem, fine, self.basis, self.labels)
 
     def _shifted(self, part: float) -> solvers.FineSystem:
         """Return the system with a multiple of its diagonal added to the matrix."""
@@ -219,6 +228,10 @@ class DiffusionTask:
         larger = sparse.bsr_array(A + sparse.diags_array(part * A.diagonal()), blocksize=A.blocksize)
         larger.sort_indices()
         return self.fine._replace(A=larger)
+
+    def preconditioner(self, M: LinearOperator) -> LinearOperator:
+        """Convert a cycle to a preconditioner for the problem's matrix in the user's numbering."""
+        return self.fine.preconditioner(self.numbering.operator(M))
 
     def parts(self, stack: Any) -> tuple[int | None, ...]:
         """Return the agglomerate count per level, None for levels with vertex unknowns."""

@@ -15,8 +15,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import (
-    Diffusion,
-    Field,
+    Elasticity,
     Float,
     Hierarchy,
     Int,
@@ -58,10 +57,15 @@ class Numbering:
         """Note for the user on the renumbering."""
         return "" if self.cells is None else "; cells renumbered along a curve, as their order is scattered"
 
-    def problem(self, problem: Diffusion) -> Diffusion:
-        """Return the problem with cell values in this numbering."""
+    def problem(self, problem: Any) -> Any:
+        """Return the diffusion or elasticity problem with cell values in this numbering."""
         if self.cells is None:
             return problem
+        if isinstance(problem, Elasticity):
+            fields = ("young", "poisson", "lame_lambda", "lame_mu", "force")
+            data = {name: self._taken(getattr(problem, name)) for name in fields}
+            data |= {name: self._all_taken(getattr(problem, name)) for name in ("displacement", "traction")}
+            return replace(problem, **data)
         return replace(
             problem,
             kappa=self._taken(problem.kappa),
@@ -73,15 +77,15 @@ class Numbering:
             robin={tag: (self._taken(alpha), self._taken(g)) for tag, (alpha, g) in problem.robin.items()},
         )
 
-    def _all_taken(self, data: Mapping[int, Field]) -> Mapping[int, Field]:
+    def _all_taken(self, data: Mapping[int, Any]) -> Mapping[int, Any]:
         return {tag: self._taken(field) for tag, field in data.items()}
 
-    def _taken(self, field: Field) -> Field:
+    def _taken(self, field: Any) -> Any:
         """Reorder cell values to this numbering, and return anything else unchanged.
 
         Invalid data pass unchanged too: later checks refuse them.
         """
-        if callable(field):
+        if field is None or callable(field):
             return field
         try:
             values = np.asarray(field, dtype=float)

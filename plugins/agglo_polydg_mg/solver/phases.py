@@ -8,6 +8,7 @@ import numpy as np
 
 from agglo_core.authoring import (
     Diffusion,
+    Elasticity,
     Hierarchy,
     History,
     Linear,
@@ -20,6 +21,7 @@ from agglo_core.authoring import (
     phase,
     solvers,
 )
+from agglo_polydg_mg.elasticity.task import ElasticityTask
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import Kept, PolyDG
 from agglo_polydg_mg.solver.choose import Overrides, Plan
@@ -40,18 +42,21 @@ def task_for(
     numbering: Numbering | None = None,
     kept: Kept | None = None,
 ) -> Task:
-    """Check that a problem fits a hierarchy, and discretise it if it is a diffusion problem.
+    """Check that a problem fits a hierarchy, and discretise it unless it is a linear system.
 
     ``units`` and ``numbering`` may come from an earlier diffusion problem on the hierarchy, and ``kept``
     from one with an equal matrix. The ``plan`` describes its levels if they are kept.
     """
-    if isinstance(problem, Diffusion):
-        return DiffusionTask(problem, hierarchy, how, overrides, count, units, plan, numbering, kept)
+    if isinstance(problem, Diffusion | Elasticity):
+        made = DiffusionTask if isinstance(problem, Diffusion) else ElasticityTask
+        return made(problem, hierarchy, how, overrides, count, units, plan, numbering, kept)
     if isinstance(problem, Linear):
         return solvers.LinearTask(
             problem, hierarchy, count, overrides.recipe, overrides.cycle, overrides.precision
         )
-    raise OptionError(f"problem must be a Diffusion or a Linear, given {type(problem).__name__}")
+    raise OptionError(
+        f"problem must be a Diffusion, an Elasticity or a Linear, given {type(problem).__name__}"
+    )
 
 
 def set_up(

@@ -20,7 +20,6 @@ from agglo_core.authoring import (
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.choose import CYCLES, PRECISIONS, RECIPES, Overrides
-from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
 from agglo_polydg_mg.solver.phases import Task, build_solution, iterate, set_up, task_for, zero_solution
 from agglo_polydg_mg.solver.repeated_solves import RepeatedSolves
 
@@ -61,7 +60,7 @@ class PolyDGMultigrid:
         For any other value.
     """
 
-    accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
+    accepts: ClassVar[tuple[str, ...]] = ("diffusion", "elasticity", "linear")
     needs_levels: ClassVar[bool] = False
     tells_progress: ClassVar[bool] = True
     galerkin: ClassVar[bool] = False  # only nearly: single precision, small entries dropped
@@ -160,7 +159,7 @@ class PolyDGMultigrid:
             M = multigrid.cycle(task.stack(), task.cycle)
         except np.linalg.LinAlgError as failure:
             raise OptionError(f"cannot build a preconditioner for this matrix: {failure}") from failure
-        return task.numbering.operator(M) if isinstance(task, DiffusionTask) else task.preconditioner(M)
+        return task.preconditioner(M)
 
     def _task(self, problem: Problem, hierarchy: Hierarchy) -> Task:
         return task_for(problem, hierarchy, self.discretisation, self.overrides, self.levels)

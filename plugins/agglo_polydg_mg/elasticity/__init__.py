@@ -1,0 +1,1 @@
+"""Linear elasticity: bilinear form, penalty, data, norms and multigrid levels."""

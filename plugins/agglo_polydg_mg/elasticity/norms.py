@@ -1,0 +1,129 @@
+"""Energy norm of vector functions, and norms of their errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from agglo_core.authoring import Elasticity, Float, Int, Mask, OptionError, frozen_float, frozen_int
+from agglo_polydg_mg.elasticity.forms import cell_blocks
+from agglo_polydg_mg.elasticity.loads import elastic_boundary, vector_data
+from agglo_polydg_mg.elasticity.material import Material, along, face_weights
+from agglo_polydg_mg.elasticity.vectors import components, split
+from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule
+from agglo_polydg_mg.forms.norms import difference_quotients, shares_of_faces
+from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.quadrature import inside, sample
+
+_FACES = 20_000  # per batch: limits the memory for the traces at their quadrature points
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticNorm:
+    """The energy norm of a discrete displacement, with its jumps to the boundary data.
+
+    (∫ σ(u) : ε(u) + Σ_F σ_F ∫ [u]·Γ[u])^½, a sum of squares, hence exact to rounding.
+    """
+
+    basis: Basis
+    problem: Elasticity
+    material: Material
+    sigma: Float
+
+    def __call__(self, x: Float) -> float:
+        """Return the norm of the function with coefficients ``x (n,)``."""
+        u = np.reshape(x, (self.basis.mesh.n_cells, -1))
+        energy = float(np.einsum("ci,cij,cj->", u, self._blocks, u, optimize=True))
+        return float(np.sqrt(energy + jumps(self.basis, x, self._outside, self.material, self.sigma)))
+
+    @cached_property
+    def _blocks(self) -> Float:
+        return cell_blocks(self.basis, self.material)
+
+    def _outside(self, rule: FaceRule) -> Float:
+        boundary = elastic_boundary(self.basis.mesh, self.problem)
+        return vector_data(self.basis, boundary, self.problem.displacement, rule, "displacement")
+
+
+def jumps(basis: Basis, x: Float, outside: object, material: Material, sigma: Float) -> float:
+    """Return Σ_F σ_F ∫ [u]·Γ[u] over inner faces and faces with displacements.
+
+    ``outside`` returns the outer values ``(t, q, d)`` on the boundary pieces of a face rule.
+    """
+    mesh, total, parts = basis.mesh, 0.0, split(basis, x)
+    penalised = np.flatnonzero(sigma > 0.0)
+    for first in range(0, len(penalised), _FACES):
+        faces = frozen_int(penalised[first : first + _FACES])
+        rule = face_rule(mesh, faces, basis.degree + 4)
+        sides = mesh.face_cells[rule.faces]
+        inner = sides[:, 1] >= 0
+        jump = _traces(basis, parts, frozen_int(sides[:, 0]), rule.points)
+        jump[inner] -= _traces(basis, parts, frozen_int(sides[inner, 1]), rule.points[inner])
+        outer = FaceRule(*(each[~inner] for each in rule))
+        jump[~inner] -= outside(outer)  # type: ignore[operator]
+        mean = face_weights(mesh, material, frozen_int(rule.faces)).mean
+        stiff = along(sigma[rule.faces, None] * mean, rule.normals)
+        total += float(np.einsum("tq,tqa,tab,tqb->", rule.weights, jump, stiff, jump, optimize=True))
+    return total
+
+
+def _traces(basis: Basis, parts: list[Float], cells: Int, points: Float) -> Float:
+    """Evaluate a vector function in ``cells (t,)`` at ``points (t, q, d)``."""
+    count, q, dim = points.shape
+    values = basis.values(np.repeat(cells, q), points.reshape(-1, dim)).reshape(count, q, -1)
+    rows = np.stack([basis.coefficients(part)[cells] for part in parts], axis=2)
+    return np.asarray(values @ rows)
+
+
+def elastic_errors(
+    basis: Basis,
+    x: Float,
+    problem: Elasticity,
+    material: Material,
+    sigma: Float,
+    chosen: Mask | None = None,
+) -> tuple[float, float]:
+    """Compute the L2 and energy norms of the error of a displacement against ``problem.exact``.
+
+    The exact gradient comes from central differences. On ``chosen (n_cells,)`` cells only, each cell
+    contributes half of its inner faces.
+
+    Raises
+    ------
+    OptionError
+        If the problem has no exact solution.
+    """
+    if problem.exact is None:
+        raise OptionError("this problem has no exact solution to compare with")
+    mesh, parts = basis.mesh, split(basis, x)
+    exact = components(problem.exact, basis, "exact")
+    none = np.zeros(mesh.n_cells)
+    l2 = energy = 0.0
+    # 1. Integrals over the cells, in batches
+    for batch in inside(mesh, 2 * basis.degree + 6):
+        cells, points = batch.cells, batch.points + mesh.origin
+        weights = batch.weights if chosen is None else batch.weights * chosen[cells]
+        gradients, slopes = basis.gradients(cells, batch.points), []
+        for part, component in zip(parts, exact, strict=True):
+            assert callable(component)
+            error = sample(component, points, "exact") - basis.evaluate(part, cells, points)
+            l2 += float(weights @ error**2)
+            discrete = np.einsum("qdk,qk->qd", gradients, basis.coefficients(part)[cells])
+            slopes.append(difference_quotients(basis, component, none, batch) - discrete)
+        slope = np.stack(slopes, axis=1)
+        strain = 0.5 * (slope + slope.transpose(0, 2, 1))
+        density = 2.0 * material.mu[cells] * (strain**2).sum(axis=(1, 2))
+        density += material.lame[cells] * np.trace(strain, axis1=1, axis2=2) ** 2
+        energy += float(weights @ density)
+
+    # 2. Jumps on faces
+    def outside(rule: FaceRule) -> Float:
+        points = rule.points.reshape(-1, mesh.dim) + mesh.origin
+        values = [sample(each, points, "exact") for each in exact if callable(each)]
+        return frozen_float(np.stack(values, axis=1).reshape(rule.points.shape))
+
+    counted = sigma if chosen is None else frozen_float(sigma * shares_of_faces(mesh, chosen))
+    energy += jumps(basis, x, outside, material, counted)
+    return float(np.sqrt(l2)), float(np.sqrt(energy))
