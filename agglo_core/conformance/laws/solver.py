@@ -127,7 +127,8 @@ def solves(subject: Subject, case: Case) -> None:
 )
 def given_system_kept(subject: Subject, case: Case) -> None:
     """A linear system, even nonsymmetric, indefinite or of unequal blocks, is solved as given, or refused."""
-    problem, it = case.given[0], solve_unless_refused(subject, case)
+    problem = case.given[0]
+    it = solve_unless_refused(subject, case) if isinstance(problem, Linear) else None
     if it is None:
         return
     probe = np.cos(np.arange(len(problem.b)))
@@ -247,6 +248,8 @@ def _scaled(case: Case, matrix: float, data: float) -> Case:
 )
 def columns_solved(subject: Subject, case: Case) -> None:
     """Several right-hand sides, of unlike size, are each solved if converged is set, or else refused."""
+    if not isinstance(case.given[0], Linear):
+        return
     b = case.given[0].b
     columns = np.stack((b, 1e-6 * b[::-1]), axis=1)
     try:
