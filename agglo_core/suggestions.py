@@ -6,7 +6,7 @@ import difflib
 import reprlib
 from collections.abc import Callable, Iterable
 from functools import wraps
-from inspect import signature
+from inspect import Parameter, signature
 from typing import Any, ParamSpec, TypeVar
 
 _ELSEWHERE = {
@@ -75,12 +75,18 @@ def suggest_keywords(
         parameters = signature(function).parameters
         positional = [name for name, p in parameters.items() if p.kind is p.POSITIONAL_OR_KEYWORD]
         by_name = [name for name, p in parameters.items() if p.kind is p.KEYWORD_ONLY]
+        required = [name for name in positional if parameters[name].default is Parameter.empty]
         any_name = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
         call = function.__qualname__
 
         @wraps(function)
         def checked(*arguments: P.args, **keywords: P.kwargs) -> R:
-            unknown = [] if any_name else [name for name in keywords if name not in parameters]
+            unknown = [name for name in keywords if name not in parameters]
+            if any_name:  # unknown keywords are options, except for a mistyped required parameter
+                missing = [
+                    name for name in required if name not in [*positional[: len(arguments)], *keywords]
+                ]
+                unknown = [name for name in unknown if did_you_mean(name, missing)]
             if unknown:
                 hint = did_you_mean(unknown[0], parameters) or f"; accepted: {', '.join(parameters)}"
                 raise TypeError(f"{call}() got an unexpected keyword argument {unknown[0]!r}{hint}")

@@ -22,6 +22,7 @@ from agglo_core.problems.solving import hierarchy_of, solver_member
 from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member, attributed
 from agglo_core.registry.containment import shown
+from agglo_core.suggestions import suggest_keywords
 
 Scheme = Literal["be", "cn", "bdf2"]
 """Backward Euler, Crank–Nicolson, or the backward differentiation formula of order 2."""
@@ -32,6 +33,7 @@ _SCHEMES = ("be", "cn", "bdf2")
 _ROUNDING = 1e-9  # of the number of steps
 
 
+@suggest_keywords()
 def evolve(
     on: Mesh | Hierarchy,
     problem: Diffusion | Callable[[float], Diffusion],

@@ -35,7 +35,16 @@ def test_names_that_are_not_close_are_not_suggested() -> None:
 
 def test_the_functions_of_the_package_are_tested() -> None:
     names = {function.__name__ for function in FUNCTIONS}
-    assert names == {"agglomerate", "build_levels", "quality", "read", "read_hierarchy", "solve", "write"}
+    assert names == {
+        "agglomerate",
+        "build_levels",
+        "evolve",
+        "quality",
+        "read",
+        "read_hierarchy",
+        "solve",
+        "write",
+    }
 
 
 @pytest.mark.parametrize("function", [*FUNCTIONS, Pipeline])
@@ -43,9 +52,11 @@ def test_each_mistyped_keyword_names_the_right_one(function: Callable[..., Any])
     first = () if function is Pipeline else (MESH,)
     names = [name for name in inspect.signature(function).parameters if len(name) > 3 and name != "options"]
     assert names
+    required = {"problem": 1, "u0": 0.0, "t_end": 1.0, "step": 0.5} if function is agglo.evolve else {}
     for name in names:
+        given = {key: value for key, value in required.items() if key != name}
         with pytest.raises((TypeError, OptionError), match=rf"'{name[:-1]}' \(did you mean '{name}'\?\)"):
-            function(*first, **{name[:-1]: 1})
+            function(*first, **given, **{name[:-1]: 1})
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,7 @@ def test_files_and_pictures_of_a_stranger(agglo: Agglo) -> None:
         ),
         (
             ["--problem", "ring:turns=2"],
-            "polydg_mg takes problems of kind diffusion, linear; given one",
+            "polydg_mg takes problems of kind diffusion, elasticity, linear; given one",
         ),
         (["--problem", "ring.toml"], "ring.toml: turns must be a whole number, and the only key"),
         (["--problem", "what.toml"], "what.toml: no problem is named 'rings' (did you mean 'ring'?)"),
@@ -118,7 +118,7 @@ def test_files_and_pictures_of_a_stranger(agglo: Agglo) -> None:
         (["--problem", "sine:n=2"], "problem 'sine' (plugin 'defaults', distribution agglo"),
         (
             ["--problem", "nosuch:n=2"],
-            "no problem is named 'nosuch' (constant, diffusion, linear, ring, sine)",
+            "no problem is named 'nosuch' (constant, diffusion, elasticity, linear, ring, sine)",
         ),
         (
             ["--problem", "diffusion:source=x"],
@@ -128,7 +128,7 @@ def test_files_and_pictures_of_a_stranger(agglo: Agglo) -> None:
             ["--problem", "diffusion:neumann=1"],
             "neumann must be a mapping from boundary tags to data; given 1: write neumann={0: data} on",
         ),
-        (["--problem", "system.toml", "-o", "u.vtu"], "unknowns of problem kind linear: -o and"),
+        (["--problem", "system.toml", "-o", "u.vtu"], "unknowns of problem kind linear: -o, --fluxes and"),
     ],
 )
 def test_what_does_not_fit_is_one_line(agglo: Agglo, arguments: list[str], message: str) -> None:

@@ -183,6 +183,11 @@ def direct(registry: Registry, folder: Path) -> None:
     assert Direct(registry=Registry()).discretisation is None
 
 
+def time_steps(registry: Registry, folder: Path) -> None:
+    steps = agglo.evolve(MESH, Diffusion(), 0.0, 0.2, 0.1, solver=("direct", {}), registry=registry)
+    assert all(solution.converged for _, solution in steps)
+
+
 def on_ranks(registry: Registry, folder: Path) -> None:
     pytest.importorskip("mpi4py")
     from agglo_core import Pipeline, distributed
@@ -208,6 +213,7 @@ GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
     smoothers: {"smoother_of", "PaperMultigrid"},
     parts_of_multigrid: {"part", "Composition", "ComposedMultigrid", "solve"},
     direct: {"Direct", "discretisation"},
+    time_steps: {"evolve", "solver_member"},
     on_ranks: {"prepare_run", "evaluate_rules", "means"},
 }
 """What is asked here, and the public functions with a parameter ``registry`` that this asks."""
