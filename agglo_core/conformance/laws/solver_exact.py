@@ -111,6 +111,45 @@ def data_superposed(subject: Subject, case: Case) -> None:
     )
 
 
+@drawn_law("solver", draw=_tagged_meshes, examples=_EXAMPLES, when=_takes_diffusion)
+def further_terms_kept(subject: Subject, case: Case) -> None:
+    """Reaction, Robin data, tensors and convection enter the solution, or the problem is refused."""
+    problem, hierarchy = case.given
+    mesh = hierarchy.fine
+    assert mesh is not None
+    tags, size = boundary_tags(mesh), float(np.ptp(mesh.points, axis=0).max())
+    everywhere = dict.fromkeys(tags, 1.0)
+    one = _unknowns(subject, Diffusion(problem.kappa, 0.0, everywhere), hierarchy)
+    plain = _unknowns(subject, Diffusion(), hierarchy)
+    if one is None or plain is None:
+        return
+    # Problems whose solution is 1.
+    c, alpha = 10.0 / size**2, 10.0 / size
+    for name, constant in {
+        "reaction": Diffusion(problem.kappa, c, everywhere, reaction=c),
+        "robin": Diffusion(problem.kappa, 0.0, robin=dict.fromkeys(tags, (alpha, alpha))),
+    }.items():
+        x = _unknowns(subject, constant, hierarchy)
+        error = 0.0 if x is None else gap(x, one)
+        require(
+            error <= _CLOSE,
+            f"on {case.name}: a problem with {name} whose solution is 1 gives an x off by {error:.1e}: "
+            f"add the term, or refuse problems that have {name} with an OptionError",
+        )
+    # Problems whose solution differs from that of −Δu = 1.
+    for name, other in {
+        "a tensor kappa": Diffusion(np.diag([5.0, 3.0, 4.0][: mesh.dim])),
+        "convection": Diffusion(convection=np.full(mesh.dim, 10.0 / size)),
+    }.items():
+        x = _unknowns(subject, other, hierarchy)
+        change = np.inf if x is None else gap(x, plain)
+        require(
+            change > _CLOSE,
+            f"on {case.name}: a problem with {name} has the solution of −Δu = 1: add the term, or refuse "
+            "such problems with an OptionError",
+        )
+
+
 def _other_form(kappa: Any, n: int) -> Any:
     """Return a coefficient given as number in the form of an array."""
     return np.full(n, kappa) if isinstance(kappa, float) else kappa

@@ -318,6 +318,17 @@ class NothingIsInsulated(_OtherProblem):
         return replace(problem, dirichlet=dict.fromkeys(missing, 0.0) | dict(problem.dirichlet))
 
 
+class ForgetsReaction(_OtherProblem):
+    def other(self, problem, hierarchy):
+        return replace(problem, reaction=0.0)
+
+
+class ForgetsTensors(_OtherProblem):
+    def other(self, problem, hierarchy):
+        tensor = not callable(problem.kappa) and np.ndim(problem.kappa) == 2
+        return replace(problem, kappa=1.0) if tensor else problem
+
+
 class OneNameForTheBoundary(_OtherProblem):
     def other(self, problem, hierarchy):
         return replace(problem, boundary="boundary")
@@ -466,6 +477,8 @@ MUTANTS = [
     Mutant("constant_found", NothingIsInsulated, "are insulated"),
     Mutant("data_superposed", FluxOrSource, "disables another"),
     Mutant("data_superposed", NumbersOnly, "as functions or arrays"),
+    Mutant("further_terms_kept", ForgetsReaction, "with reaction whose solution is 1"),
+    Mutant("further_terms_kept", ForgetsTensors, "a tensor kappa"),
     Mutant("linear_found", InwardFlux, "outward"),
     Mutant("linear_found", OneNameForTheBoundary, "boundary data are read"),
     Mutant("linear_found", ArithmeticMean, "harmonic mean"),
