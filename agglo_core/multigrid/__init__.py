@@ -8,6 +8,7 @@ from agglo_core.multigrid.coarsening.smoothed import smoothed_prolongation
 from agglo_core.multigrid.coarsening.transfers import parents
 from agglo_core.multigrid.composition import Composition
 from agglo_core.multigrid.cycle import cycle
+from agglo_core.multigrid.krylov.gcr import gcr
 from agglo_core.multigrid.krylov.pcg import pcg, pcg_columns
 from agglo_core.multigrid.matrices.block_matrix import BlockMatrix, block_inverses, block_matrix
 from agglo_core.multigrid.matrices.block_scaling import block_scaled
@@ -22,6 +23,7 @@ from agglo_core.multigrid.smoothers.level_smoothers import (
     GaussSeidel,
     smoother_setup,
 )
+from agglo_core.multigrid.smoothers.ordered import OrderedGaussSeidel
 from agglo_core.multigrid.smoothers.patch_smoother import AdditivePatches, VertexPatches
 from agglo_core.multigrid.smoothers.patches import MAX_PARTS, joined_patches, vertex_patches
 from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
@@ -47,6 +49,7 @@ __all__ = [
     "Level",
     "LevelSmoother",
     "LevelStack",
+    "OrderedGaussSeidel",
     "ScalarGaussSeidel",
     "SystemLevels",
     "Transfer",
@@ -65,6 +68,7 @@ __all__ = [
     "cycle",
     "direct_solver",
     "galerkin",
+    "gcr",
     "injection",
     "is_classical",
     "joined_patches",

@@ -9,6 +9,7 @@ from agglo_core.solvers.fine_system import (
     chosen_levels,
     default_levels,
     fine_system,
+    has_convection,
     own_mesh,
     require_symmetric_problem,
 )
@@ -42,6 +43,7 @@ __all__ = [
     "default_levels",
     "factor_for",
     "fine_system",
+    "has_convection",
     "matrix_factor",
     "own_mesh",
     "require_cells",

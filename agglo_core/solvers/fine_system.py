@@ -160,7 +160,7 @@ def require_symmetric_problem(problem: Problem, solver: str) -> None:
     if has_convection(problem):
         raise OptionError(
             f"the problem has convection, so its matrix is not symmetric, but {solver} requires a symmetric "
-            "matrix: use solver='direct'"
+            "matrix: use solver='direct' or solver='polydg_mg'"
         )
 
 

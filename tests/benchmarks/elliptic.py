@@ -1,17 +1,19 @@
-"""Count iterations of a solver for tensors, reaction, Robin and Neumann data, as a Markdown table.
+"""Count iterations of a solver for tensors, reaction, convection and boundary data, as a table.
 
-    python tests/benchmarks/elliptic.py [--cells N] [--degrees P ...] [--meshes NAME ...] [--solver NAME]
+    python tests/benchmarks/elliptic.py [--cells N] [--degrees P ...] [--meshes NAME ...] [--rows PART]
+        [--solver NAME]
 
 f = 1 on the unit square, or x − 1/2 with Neumann data alone; u = 0 on the boundary unless the row names other
 data. Tensors have the eigenvalues 1 and ε, the first along an angle: constant, or varying over the square, or
-random in each cell. Iterations from 0 to a relative residual and energy error of 1e-6; ``–`` if 300 do not
-suffice.
+random in each cell. Péclet numbers are h / κ with the mean cell size h. Iterations from 0 to a relative
+residual of 1e-6 and, without convection, an equal energy error; ``–`` if 300 do not suffice.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +26,12 @@ MESHES: dict[str, Callable[[int], Mesh]] = {
     "voronoi": lambda n: samples.voronoi(n, seed=0),
     "squares": lambda n: samples.squares(round(np.sqrt(n))),
     "random": lambda n: samples.random_triangles(n, seed=0),
+}
+
+FLOWS: dict[str, Any] = {
+    "(1, 0.3)": np.array([1.0, 0.3]),
+    "(−y, x)": lambda x: np.stack((-x[:, 1], x[:, 0]), axis=1),
+    "(1/2 − y, x − 1/2)": lambda x: np.stack((0.5 - x[:, 1], x[:, 0] - 0.5), axis=1),
 }
 
 
@@ -48,6 +56,10 @@ def problems(mesh: Mesh) -> dict[str, Diffusion]:
     for c in (1.0, 1e2, 1e4, 1e6, 1e8):
         found[f"reaction {c:g}"] = Diffusion(reaction=c)
     found["Robin, α = 1"] = Diffusion(robin={0: (1.0, 0.0)})
+    h = mesh.cell_measures.mean() ** 0.5
+    for name, b in FLOWS.items():
+        for peclet in (0.1, 1.0, 10.0, 1e2, 1e3, 1e4):
+            found[f"Péclet {peclet:g}, b = {name}"] = Diffusion(h / peclet, convection=b)
     found["Neumann alone"] = Diffusion(source=lambda points: points[:, 0] - 0.5, neumann={0: 0.0})
     return found
 
@@ -64,13 +76,15 @@ def main() -> None:
     parser.add_argument("--cells", type=int, default=4096)
     parser.add_argument("--degrees", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--meshes", nargs="+", default=["voronoi", "squares"], choices=list(MESHES))
+    parser.add_argument("--rows", default="", help="part of the names of the rows")
     parser.add_argument("--solver", default="polydg_mg")
     arguments = parser.parse_args()
     for name in arguments.meshes:
         mesh = MESHES[name](arguments.cells)
         print(f"\n| {mesh.n_cells} {name} | {' | '.join(f'p = {p}' for p in arguments.degrees)} |")
         print("|---" * (1 + len(arguments.degrees)) + "|")
-        for title, problem in problems(mesh).items():
+        chosen = {key: value for key, value in problems(mesh).items() if arguments.rows in key}
+        for title, problem in chosen.items():
             counts = [count(mesh, problem, degree, arguments.solver) for degree in arguments.degrees]
             print(f"| {title} | {' | '.join(counts)} |", flush=True)
 

@@ -323,7 +323,7 @@ def test_robin_data_by_cell_follow_the_numbering_and_the_agglomerates() -> None:
     assert np.linalg.eigvalsh(operator.toarray()).min() > 0.0
 
 
-@pytest.mark.parametrize("solver", ["polydg_mg", "polydg_mg_paper", "polydg_cg", "multigrid"])
+@pytest.mark.parametrize("solver", ["polydg_mg_paper", "polydg_cg", "multigrid"])
 def test_solvers_accept_robin_data(solver: str) -> None:
     mesh = sides(samples.voronoi(100, seed=5))
     problem = Diffusion(robin={1: (3.0, 1.0), 2: (lambda x: 1.0 + x[:, 1], 0.0)})
@@ -817,7 +817,7 @@ def test_direct_solves_problems_with_convection() -> None:
         agglo.solve(mesh, Diffusion(**data), solver="direct", backend="cholmod")
 
 
-@pytest.mark.parametrize("solver", ["polydg_mg", "polydg_mg_paper", "polydg_cg", "multigrid"])
+@pytest.mark.parametrize("solver", ["polydg_mg_paper", "polydg_cg", "multigrid"])
 def test_other_solvers_refuse_convection(solver: str) -> None:
     mesh = samples.squares(4)
     with pytest.raises(AggloError, match=r"not symmetric, but .* use solver='direct'"):

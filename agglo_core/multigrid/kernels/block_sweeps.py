@@ -1,7 +1,8 @@
 """Block Gauss–Seidel sweeps, and inverses of diagonal blocks.
 
 Matrices with equal blocks are stored as ``scipy.sparse.bsr_array``, matrices with blocks of unequal size as
-``csr_array`` with part offsets. Indices need not be sorted. All matrices are symmetric.
+``csr_array`` with part offsets. Indices need not be sorted. Matrices are symmetric, except in ``sweep``,
+which requires transposed inverses of diagonal blocks.
 """
 
 from __future__ import annotations

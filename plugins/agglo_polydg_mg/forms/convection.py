@@ -89,6 +89,19 @@ def mean_speed(mesh: Mesh, convection: Any) -> Float | float:
     return np.linalg.norm(b(mesh.cell_centroids) if callable(b) else b, axis=1)
 
 
+def face_flows(mesh: Mesh, convection: Any) -> Float:
+    """Return |face| b·n at the centroid of each face ``(n_faces,)``, outward of the face's first cell."""
+    b = velocity(mesh, convection)
+    if b is None:
+        return frozen_float(np.zeros(mesh.n_faces))
+    if callable(b):
+        values = b(mesh.face_centroids)
+    else:
+        owner, other = mesh.face_cells.T
+        values = 0.5 * (b[owner] + b[np.where(other < 0, owner, other)])
+    return frozen_float((values * mesh.face_normals).sum(axis=1) * mesh.face_measures)
+
+
 def _add_cells(basis: Basis, b: Any, blocks: Float) -> None:
     """Add ∫ (b·∇φ_j) φ_i to the diagonal blocks."""
     mesh, m, places = basis.mesh, basis.n_local, basis.pattern[2]

@@ -84,7 +84,7 @@ def level_spaces(problem: Problem, hierarchy: Hierarchy, labels: Sequence[Int], 
     rediscretised = [
         partial(_coarse_matrix, how, problem, mesh, *item) for item in zip(labels, meshes, strict=True)
     ]
-    return LevelSpaces(fine, system, _polydg_prolongations(bases, labels), rediscretised)
+    return LevelSpaces(fine, system, polydg_prolongations(bases, labels), rediscretised)
 
 
 def _columns(vectors: Any) -> Float:
@@ -102,7 +102,8 @@ def _coarse_matrix(how: PolyDG, problem: Problem, mesh: Mesh, labels: Int, coars
         ) from error
 
 
-def _polydg_prolongations(bases: Sequence[Basis], labels: Sequence[Int]) -> list[Any]:
+def polydg_prolongations(bases: Sequence[Basis], labels: Sequence[Int]) -> list[Any]:
+    """Return the prolongations between the spaces of a mesh and its agglomerates, finest first."""
     P = []
     for level, coarse in enumerate(labels):
         nested = multigrid.parents(labels[level - 1], coarse) if level else coarse

@@ -70,7 +70,6 @@ class DiffusionTask:
                 "a diffusion problem requires a mesh, but this hierarchy belongs to a graph without a "
                 "mesh: agglomerate the Mesh instead"
             )
-        solvers.require_symmetric_problem(problem, "polydg_mg")
         self.numbering = numbering or numbering_for(hierarchy)
         self.problem, self.hierarchy = self.numbering.problem(problem), self.numbering.hierarchy
         self.count, self._overrides, self._plan = count, overrides, plan

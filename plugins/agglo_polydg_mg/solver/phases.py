@@ -25,6 +25,7 @@ from agglo_polydg_mg.elasticity.task import ElasticityTask
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import Kept, PolyDG
 from agglo_polydg_mg.solver.choose import Overrides, Plan
+from agglo_polydg_mg.solver.convection_task import ConvectionTask
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
 from agglo_polydg_mg.solver.numbering import Numbering
 
@@ -47,6 +48,8 @@ def task_for(
     ``units`` and ``numbering`` may come from an earlier diffusion problem on the hierarchy, and ``kept``
     from one with an equal matrix. The ``plan`` describes its levels if they are kept.
     """
+    if isinstance(problem, Diffusion) and solvers.has_convection(problem):
+        return ConvectionTask(problem, hierarchy, how, overrides, count, units, None, numbering, kept)
     if isinstance(problem, Diffusion | Elasticity):
         made = DiffusionTask if isinstance(problem, Diffusion) else ElasticityTask
         return made(problem, hierarchy, how, overrides, count, units, plan, numbering, kept)

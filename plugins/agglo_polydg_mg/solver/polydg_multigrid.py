@@ -31,6 +31,11 @@ class PolyDGMultigrid:
     residual and an estimate of the energy error are at most ``tolerance``; see
     :func:`agglo_core.multigrid.pcg`.
 
+    Problems with convection are solved by :func:`agglo_core.multigrid.gcr`, with polynomials on agglomerates
+    and cells smoothed downstream (:mod:`~agglo_polydg_mg.auxiliary.downstream`). Their energy error is
+    unknown, and the residual alone is tested. They take the recipes ``auto`` and ``agglomerates``, the cycles
+    V, W and F, and double precision.
+
     Parameters
     ----------
     degree : int
@@ -149,10 +154,11 @@ class PolyDGMultigrid:
         Raises
         ------
         OptionError
-            See :meth:`solve`; also if the matrix is not positive definite.
+            See :meth:`solve`; also if the matrix is not symmetric and positive definite.
         MeshError
             See :meth:`solve`.
         """
+        solvers.require_symmetric_problem(problem, "aspreconditioner")
         task = self._task(problem, hierarchy)
         task.use_double()
         try:

@@ -100,7 +100,7 @@ class RepeatedSolves:
         self._plan: Plan | None = None
         self._task: Task | None = None
         self._coefficients: Mapping[str, Any] = {}
-        self._renumbered = False  # numbering of the kept data
+        self._kind: type[Task] | None = None  # kind of system of the kept data
 
     def solve(
         self, problem: Problem, progress: Listener | None = None, *, load: Float | None = None
@@ -141,10 +141,9 @@ class RepeatedSolves:
         setups = self.setups
         if isinstance(task, DiffusionTask) and self._units is None:
             self._units, self._numbering = UnitForms(task.basis), task.numbering  # filled on first use
-        renumbered = isinstance(task, DiffusionTask) and task.numbering.cells is not None
         # 2. Drop levels and solutions that do not fit this system
-        if renumbered != self._renumbered:  # linear system after diffusion problem, or conversely
-            self._kept, self._earlier, self._renumbered = None, [], renumbered
+        if type(task) is not self._kind:  # other numbering, or other levels
+            self._kept, self._earlier, self._kind = None, [], type(task)
         if self._kept is not None and not self._fits(task.A.diagonal()):
             self._kept = None
         # 3. Iterate
