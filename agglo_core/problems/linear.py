@@ -9,6 +9,7 @@ As a TOML table:
     rhs = "b.npy"                             # or .mtx, .txt, .npz with an array b; n numbers
     unknowns = 3                              # of each cell, one cell after the other; by default n / cells
     near_null = "B.npy"                       # optional: n rows; or .mtx, .txt, .npz with an array near_null
+    symmetric = false                         # optional: the matrix need not be symmetric
 
 File names are relative to the table's folder. The ``.npz`` file from ``agglo solve --write-system`` contains
 matrix and rhs. Its ``block_offsets`` and ``near_null`` are used unless the table gives ``unknowns`` or
@@ -47,7 +48,7 @@ from agglo_core.problems.real_arrays import (
 )
 from agglo_core.problems.table import require_keys
 
-_KEYS = ("matrix", "rhs", "unknowns", "near_null")
+_KEYS = ("matrix", "rhs", "unknowns", "near_null", "symmetric")
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +69,14 @@ class Linear:
         otherwise every cell has one unknown.
     near_null : (n, m) float, optional
         Near-null vectors of A, such as constants and rigid motions.
+    symmetric : bool
+        False if A need not be symmetric. The solver ``direct`` accepts such matrices.
 
     Raises
     ------
     OptionError
-        If ``block_offsets`` is neither a block size that fits A nor an array ``(n_cells + 1,)``, or indices
-        in A are out of range.
+        If ``block_offsets`` is neither a block size that fits A nor an array ``(n_cells + 1,)``, indices in A
+        are out of range, or ``symmetric`` is not a bool.
 
     Examples
     --------
@@ -91,8 +94,11 @@ class Linear:
     b: Float
     block_offsets: Int = None  # type: ignore[assignment]  # never None after construction
     near_null: Float | None = None
+    symmetric: bool = True
 
     def __post_init__(self) -> None:
+        if not isinstance(self.symmetric, bool | np.bool_):
+            raise OptionError(f"symmetric must be True or False, given {self.symmetric!r:.60}")
         A = self.A if hasattr(self.A, "shape") else np.asarray(self.A)
         if len(A.shape) == 2:
             object.__setattr__(self, "block_offsets", offsets_of_blocks(self.block_offsets, A))
@@ -139,7 +145,8 @@ class Linear:
         if offsets is None:
             width = _width(table.get("unknowns"), n, mesh)
             offsets = frozen_int(np.arange(mesh.n_cells + 1) * width)
-        return cls(A, frozen_float(b.ravel()), offsets, _near_null(table, matrix, n, folder))
+        near_null, symmetric = _near_null(table, matrix, n, folder), table.get("symmetric", True)
+        return cls(A, frozen_float(b.ravel()), offsets, near_null, symmetric)
 
     @classmethod
     def example(cls, mesh: Mesh) -> Self:
@@ -273,6 +280,26 @@ def symmetric_system(problem: Linear) -> tuple[sparse.csr_array, Float]:
     (array([[ 2., -1.],
            [-1.,  2.]]), array([1., 0.]))
     """
+    A, b = general_system(problem)
+    require_symmetric(A)
+    return A, b
+
+
+def general_system(problem: Linear) -> tuple[sparse.csr_array, Float]:
+    """Return matrix ``(n, n)`` and right-hand side ``(n,)`` of a linear problem, symmetric or not.
+
+    Raises
+    ------
+    OptionError
+        As :func:`symmetric_system`, except for a matrix that is not symmetric.
+
+    Examples
+    --------
+    >>> from agglo_core.problems.linear import general_system
+    >>> general_system(agglo.Linear([[2, -1], [0, 2]], [1, 0], 1, symmetric=False))[0].toarray()
+    array([[ 2., -1.],
+           [ 0.,  2.]])
+    """
     b, A = _vector(problem.b), sparse.csr_array(real_matrix(problem.A))
     unknowns = int(problem.block_offsets[-1])
     if A.shape != (unknowns, unknowns) or b.shape != (unknowns,):
@@ -280,7 +307,6 @@ def symmetric_system(problem: Linear) -> tuple[sparse.csr_array, Float]:
             f"A has shape {A.shape} and b {b.shape}, but block_offsets define {unknowns} unknowns"
         )
     require_finite(b, A)
-    require_symmetric(A)
     return A, b
 
 

@@ -244,7 +244,10 @@ def require_symmetric(A: Any) -> None:
         i, j = int(i[worst]), int(j[worst])
         rows = sparse.csr_array(A)
         one, other = _distinct_texts(float(rows[i, j]), float(rows[j, i]))
-        raise OptionError(f"A must be symmetric: the entry ({i}, {j}) is {one}, ({j}, {i}) is {other}")
+        raise OptionError(
+            f"A must be symmetric: the entry ({i}, {j}) is {one}, ({j}, {i}) is {other}; "
+            "solver='direct' accepts it from Linear(A, b, symmetric=False)"
+        )
 
 
 def _distinct_texts(a: float, b: float) -> tuple[str, str]:

@@ -177,7 +177,7 @@ def choose_backend(name: str, among: Mapping[str, Callable[[Any], Solves]] | Non
         raise OptionError(f"backend must be one of {', '.join((AUTO, *BACKENDS))}; given {name!r}")
     if among is not None and name not in among:
         raise OptionError(
-            f"backend {name} requires a symmetric matrix, but the problem has convection: use one of "
+            f"backend {name} requires a symmetric matrix, but that of the problem is not: use one of "
             f"{', '.join(among)}"
         )
     if name in PACKAGES:

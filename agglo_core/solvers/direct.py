@@ -20,7 +20,7 @@ from agglo_core.progress import Listener, phase
 from agglo_core.registry import Registry
 from agglo_core.solvers.advice import Kind, advice_of_direct
 from agglo_core.solvers.backends import AUTO, BACKENDS, GENERAL_BACKENDS, Solves, choose_backend
-from agglo_core.solvers.fine_system import FineSystem, discretisation, fine_system, has_convection
+from agglo_core.solvers.fine_system import FineSystem, discretisation, fine_system, may_be_nonsymmetric
 from agglo_core.solvers.option_checks import require_count, require_fraction, show_options
 from agglo_core.solvers.stopwatch import Stopwatch
 
@@ -32,7 +32,8 @@ class Direct:
 
     The levels of the hierarchy are not used. An iteration is one solve with the factors, and the first nearly
     always suffices. The energy error is estimated by a further solve for the remaining residual. PARDISO or
-    SuperLU factorise the matrices of problems with convection.
+    SuperLU factorise matrices that are not symmetric: of problems with convection, and of linear systems with
+    ``symmetric=False``.
 
     Parameters
     ----------
@@ -150,6 +151,7 @@ class RepeatedDirect:
         self._system: FineSystem | None = None
         self._solves: Solves | None = None
         self._backends = BACKENDS
+        self._energy = True  # whether errors may be measured in an energy norm
         self._advice = ""
 
     def solve(
@@ -159,13 +161,15 @@ class RepeatedDirect:
         watch, solver = Stopwatch(), self._solver
         with watch("assemble"), phase(progress, "assembling"):
             fine = fine_system(problem, self._hierarchy, solver.discretisation, nonsymmetric=True)
-            self._backends = GENERAL_BACKENDS if has_convection(problem) else BACKENDS
+            self._backends = GENERAL_BACKENDS if may_be_nonsymmetric(problem) else BACKENDS
+            self._energy = not (isinstance(problem, Linear) and may_be_nonsymmetric(problem))
             if self._system is None or not _equal_matrices(self._system.A, fine.A):
                 self._solves = None
             self._system = fine
         if self._solves is None:
             backend = choose_backend(solver.backend, self._backends)
-            self._advice = advice_of_direct(fine.A, solver._kind(problem, fine), backend)
+            kind = solver._kind(problem, fine)
+            self._advice = advice_of_direct(fine.A, kind, backend) if self._energy else ""
         return self._solve(fine if load is None else fine.with_load(load), watch, progress)
 
     def solve_again(self, load: Float, progress: Listener | None = None) -> Solution:
@@ -189,7 +193,8 @@ class RepeatedDirect:
                     self._solves = self._backends[backend](fine.A)
                 self.setups += 1
             with watch("solve"), phase(progress, "solving"):
-                history = _solve_and_refine(fine, self._solves, solver.tolerance, solver.max_refinements)
+                options = solver.tolerance, solver.max_refinements, self._energy
+                history = _solve_and_refine(fine, self._solves, *options)
         except np.linalg.LinAlgError as failure:
             history = unsolved(fine.b, str(failure))
         solution = fine.solution(history, [(fine.A, None)], watch, solver.tolerance)
@@ -202,7 +207,9 @@ def _equal_matrices(A: Any, B: Any) -> bool:
     return same and all(np.array_equal(getattr(A, name), getattr(B, name)) for name in _STORED)
 
 
-def _solve_and_refine(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> History:
+def _solve_and_refine(
+    fine: FineSystem, solves: Solves, tolerance: float, most: int, has_energy: bool
+) -> History:
     """Solve, then refine at most ``most`` times until residual and error are within the tolerance."""
     b = fine.b
     x, residuals = np.zeros(len(b)), [two_norm(b)]
@@ -219,7 +226,7 @@ def _solve_and_refine(fine: FineSystem, solves: Solves, tolerance: float, most: 
         x, size = better, fine.measure(r)
         residuals.append(two_norm(r))
         correction = solves(r)
-        error, energy = _error(fine, x, r, correction)
+        error, energy = _error(fine, x, r, correction, has_energy)
     # Outcome: both tests passed, or the residual stagnates.
     outcomes = (size <= tolerance, error <= tolerance)
     met = tuple(name for name, ok in zip(TESTS, outcomes, strict=True) if ok and (energy or name != TESTS[1]))
@@ -237,12 +244,13 @@ def _solve_and_refine(fine: FineSystem, solves: Solves, tolerance: float, most: 
     return replace(history, reason=f"{sizes}: the matrix is singular, or nearly so{joints}")
 
 
-def _error(fine: FineSystem, x: Float, r: Float, correction: Any) -> tuple[float, bool]:
+def _error(fine: FineSystem, x: Float, r: Float, correction: Any, has_energy: bool) -> tuple[float, bool]:
     """Return the relative error estimated by the correction, and True if measured in the energy norm.
 
-    A negative product δ·r or b·x means that A has no energy norm. Then 2-norms are compared.
+    A negative product δ·r or b·x means that A has no energy norm, as matrices that need not be symmetric.
+    Then 2-norms are compared.
     """
     square = float(correction @ r)
-    if square < 0.0 or float(fine.b @ x) < 0.0:
+    if not has_energy or square < 0.0 or float(fine.b @ x) < 0.0:
         return size_ratio(two_norm(correction), two_norm(x)), False
     return size_ratio(float(np.sqrt(square)), fine.measure.energy(x)), True

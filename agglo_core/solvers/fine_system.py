@@ -18,7 +18,7 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems import Lifting, Linear, Problem, Solution
 from agglo_core.problems.choosing import discretisation_for
 from agglo_core.problems.iteration_history import History
-from agglo_core.problems.linear import require_cells, symmetric_system
+from agglo_core.problems.linear import general_system, require_cells, symmetric_system
 from agglo_core.problems.residuals.row_scales import lifted, row_measure
 from agglo_core.registry import Registry, default
 from agglo_core.registry.construct import resolve
@@ -155,6 +155,11 @@ def has_convection(problem: Problem | None) -> bool:
     return callable(convection) or bool(np.any(convection))
 
 
+def may_be_nonsymmetric(problem: Problem | None) -> bool:
+    """Return True for convection, and for linear systems with ``symmetric=False``."""
+    return has_convection(problem) or not getattr(problem, "symmetric", True)
+
+
 def require_symmetric_problem(problem: Problem, solver: str) -> None:
     """Raise OptionError if a problem has convection."""
     if has_convection(problem):
@@ -170,7 +175,7 @@ def fine_system(
     """Return the linear system of a problem on a hierarchy's mesh.
 
     A linear system is taken as given. Any other problem is discretised by ``how.fine_system(problem, mesh)``
-    if the discretisation accepts its kind. Problems with convection are refused unless ``nonsymmetric``.
+    if the discretisation accepts its kind. Nonsymmetric matrices are refused unless ``nonsymmetric``.
 
     Raises
     ------
@@ -179,7 +184,7 @@ def fine_system(
         values are not finite. Further errors as :func:`~agglo_core.problems.linear.symmetric_system`.
     """
     if isinstance(problem, Linear):
-        return _system_of_problem(problem, hierarchy.graph.n)
+        return _system_of_problem(problem, hierarchy.graph.n, nonsymmetric and not problem.symmetric)
     if how is None:
         raise OptionError(
             f"a problem of kind {problem.kind} must be discretised, but no installed plugin provides a "
@@ -194,12 +199,12 @@ def fine_system(
     return system
 
 
-def _system_of_problem(problem: Linear, n: int) -> FineSystem:
+def _system_of_problem(problem: Linear, n: int, general: bool) -> FineSystem:
     width = _width(problem, n)
-    matrix, full = symmetric_system(problem)
+    matrix, full = general_system(problem) if general else symmetric_system(problem)
     factor, factor_of_matrix = factor_for(float(np.abs(full).max(initial=0.0))), matrix_factor(matrix)
     matrix, b = matrix if factor_of_matrix == 1.0 else factor_of_matrix * matrix, frozen_float(factor * full)
-    offset, load = lifted(matrix, b)
+    offset, load = (np.zeros(len(b)), b) if general else lifted(matrix, b)
     offset_or_none = offset if offset.any() else None
     measure = ResidualMeasure(load, rows=row_measure(matrix, load))
     return FineSystem(

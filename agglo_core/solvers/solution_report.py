@@ -15,7 +15,7 @@ from agglo_core.problems.discretisation import Discretisation, Problem
 from agglo_core.problems.residuals.row_scales import row_measure
 from agglo_core.problems.solution import Solution
 from agglo_core.progress import Listener, phase
-from agglo_core.solvers.fine_system import has_convection
+from agglo_core.solvers.fine_system import may_be_nonsymmetric
 
 _COLUMNS = 80  # default width of the text, in characters
 _TIE = "\N{NO-BREAK SPACE}"
@@ -158,7 +158,7 @@ def _plain_cg(
     measure: Callable[[Float], float],
     progress: Listener | None,
 ) -> int | None:
-    if tolerance is None or has_convection(solution.problem):
+    if tolerance is None or may_be_nonsymmetric(solution.problem):
         return None
     b, energy = _solved_system(solution)[1], getattr(measure, "energy", None)
     with phase(progress, "counting iterations of plain CG") as tell:

@@ -16,7 +16,8 @@ from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse.linalg import cg, spsolve
 
-from agglo_core import OptionError, agglomerate, samples
+import agglo_core as agglo
+from agglo_core import AggloError, OptionError, agglomerate, samples
 from agglo_core.problems import Diffusion, Linear
 from agglo_core.solvers import backends as direct_backends
 from agglo_core.solvers.backends import BACKENDS, choose_backend, superlu
@@ -282,3 +283,37 @@ def test_on_the_command_line_no_levels_are_made(agglo: Agglo) -> None:
     paper = agglo("solve", *asked).data
     assert data["energy"] == pytest.approx(paper["energy"], rel=1e-7)
     assert agglo("solve", "squares:n=8", "--solver", "direct", "--parts", "99").code == 2
+
+
+@pytest.mark.parametrize("backend", ["auto", "superlu"])
+def test_nonsymmetric_matrices_are_solved_on_request(backend: str) -> None:
+    mesh, rng = samples.voronoi(60, seed=1), np.random.default_rng(0)
+    dense, b = rng.normal(size=(120, 120)), rng.normal(size=120)  # without a definite symmetric part
+    solver = Direct(tolerance=1e-10, backend=backend)
+    solution = solver.solve(Linear(dense, b, 2, symmetric=False), agglomerate(mesh, n_parts=4))
+    assert solution.converged
+    assert solution.energy_error is None
+    assert solution.tests == ("residual",)
+    assert solution.x == pytest.approx(np.linalg.solve(dense, b), rel=1e-8)
+
+
+@pytest.mark.parametrize("solver", ["direct", "polydg_mg", "multigrid"])
+def test_nonsymmetric_matrices_are_refused_with_the_option(solver: str) -> None:
+    mesh = samples.voronoi(60, seed=1)
+    A = sparse.csr_array(np.eye(60, k=1) + 4.0 * np.eye(60))
+    hierarchy = agglomerate(mesh, n_parts=4)
+    with pytest.raises(AggloError, match=r"A must be symmetric: .*; solver='direct' accepts it from Linear"):
+        agglo.solve(hierarchy, Linear(A, np.ones(60)), solver=solver)
+    if solver != "direct":
+        with pytest.raises(AggloError, match="A must be symmetric: the entry"):
+            agglo.solve(hierarchy, Linear(A, np.ones(60), symmetric=False), solver=solver)
+
+
+def test_singular_nonsymmetric_matrices_do_not_converge() -> None:
+    A = np.eye(4, k=1) + np.diag([1.0, 1.0, 1.0, 0.0])
+    solution = Direct(backend="superlu").solve(
+        Linear(A, np.ones(4), symmetric=False), agglomerate(samples.squares(2), n_parts=2)
+    )
+    assert not solution.converged
+    with pytest.raises(OptionError, match="symmetric must be True or False, given 'no'"):
+        Linear(A, np.ones(4), symmetric="no")  # type: ignore[arg-type]
