@@ -172,8 +172,8 @@ def discretisation_for(discretisation: Any, problem: Problem) -> Any:
     >>> discretisation_for(polydg, agglo.Elasticity())
     PolyDGElasticity(degree=2)
     """
-    of_kind = getattr(discretisation, "of_kind", None)
-    return discretisation if of_kind is None else of_kind(problem.kind)
+    of_kind, kind = getattr(discretisation, "of_kind", None), getattr(problem, "kind", None)
+    return discretisation if of_kind is None or kind is None else of_kind(kind)
 
 
 def _is_declared(name: str, registry: Registry) -> bool:
