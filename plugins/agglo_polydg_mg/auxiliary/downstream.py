@@ -8,21 +8,27 @@ Gauss–Seidel passes the cells of every level along the flow (J. Bey, G. Wittum
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Diffusion, Float, Int, Mesh, MeshError, frozen_int, multigrid
+from agglo_core.authoring import (
+    Diffusion,
+    Float,
+    Int,
+    Mesh,
+    MeshError,
+    frozen_float,
+    frozen_index,
+    frozen_int,
+    multigrid,
+)
+from agglo_polydg_mg.auxiliary.flow_kernels import flow_order
 from agglo_polydg_mg.forms.convection import face_flows
 from agglo_polydg_mg.paper.level_spaces import polydg_prolongations
 from agglo_polydg_mg.polydg import PolyDG, corrections
 from agglo_polydg_mg.space.basis import Basis
-
-_ROUNDING: Final = 1e-9  # remaining inflow of a cell relative to its whole inflow, above rounding errors
-_TOGETHER: Final = 2.0
-"""Where streamlines are closed, cells join the order together if their remaining inflow is at most this many
-times the smallest. A larger value makes fewer passes, and a worse order."""
 
 
 def downstream_stack(
@@ -68,8 +74,8 @@ def downstream_stack(
 def downstream_order(mesh: Mesh, flows: Float) -> Int:
     """Return the cells ``(n_cells,)`` sorted along the flow ``(n_faces,)``, outward of the first cells.
 
-    Each cell follows those from which it has inflow. Where streamlines are closed, cells with the least
-    inflow from later cells, relative to their whole inflow, come first, sorted by their numbers.
+    Each cell follows those from which it has inflow. Where streamlines are closed, the next cell is the
+    one with the least inflow from later cells, relative to its whole inflow.
 
     Examples
     --------
@@ -81,23 +87,8 @@ def downstream_order(mesh: Mesh, flows: Float) -> Int:
     >>> downstream_order(mesh, face_flows(mesh, np.array([-2.0, -1.0])))
     array([3, 1, 2, 0])
     """
-    inner, n = mesh.face_cells[:, 1] >= 0, mesh.n_cells
-    cells, flow = mesh.face_cells[inner], flows[inner]
+    used = (mesh.face_cells[:, 1] >= 0) & (flows != 0.0)
+    cells, flow = mesh.face_cells[used], flows[used]
     above, below = np.where((flow > 0.0)[:, None], cells, cells[:, ::-1]).T
-    strength = np.abs(flow)
-    out_of = sparse.csr_array((strength, (above, below)), shape=(n, n))
-    remaining = np.bincount(below, strength, n)
-    whole, left = np.where(remaining > 0.0, remaining, 1.0), np.ones(n, dtype=bool)
-    waves, wave = list[Any](), np.flatnonzero(remaining <= 0.0)
-    while left.any():
-        if not len(wave):  # closed streamlines
-            cells_left = np.flatnonzero(left)
-            share = remaining[cells_left] / whole[cells_left]
-            wave = cells_left[share <= _TOGETHER * share.min()]
-        waves.append(wave)
-        left[wave] = False
-        gone = out_of[wave]
-        np.subtract.at(remaining, gone.indices, gone.data)
-        reached = np.unique(gone.indices)
-        wave = reached[left[reached] & (remaining[reached] <= _ROUNDING * whole[reached])]
-    return frozen_int(np.concatenate(waves))
+    into = sparse.csr_array((np.abs(flow), (above, below)), shape=(mesh.n_cells, mesh.n_cells))
+    return frozen_int(flow_order(*map(frozen_index, (into.indptr, into.indices)), frozen_float(into.data)))
