@@ -129,8 +129,6 @@ def discretise_lifted(
     kappa = positive(mesh, problem.kappa)
     # 2. Penalty and matrix
     A, sigma = kept or _matrix_and_penalty(basis, problem, boundary, penalty, kappa, units)
-    if kept is None:
-        add_convection(basis, problem, boundary, A.data)
     # 3. Load and Dirichlet data
     parts = floating_parts(mesh, boundary)
     loads = load(basis, problem).reshape(mesh.n_cells, -1)
