@@ -219,8 +219,9 @@ class Solution:
 
         Returns
         -------
-        (q,) float
-            NaN outside the mesh. On a face, the cell with the lower number counts.
+        (q,) or (q, d) float
+            Numbers, or the vectors of elasticity. NaN outside the mesh. On a face, the cell with the lower
+            number counts.
 
         Raises
         ------
