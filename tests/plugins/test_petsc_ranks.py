@@ -258,7 +258,7 @@ def test_a_solution_is_written_piece_by_piece(size, tmp_path):
     assert files == ["alone.vtu", "u.pvtu", *pieces]
     listed = ElementTree.parse(tmp_path / "u.pvtu").getroot()
     assert [each.get("Source") for each in listed.iter("Piece")] == pieces
-    assert [each.get("Name") for each in listed.iter("PDataArray")] == ["u", "cell", "Points"]
+    assert [each.get("Name") for each in listed.iter("PDataArray")] == ["u", "cell", "gradient", "Points"]
     _compare_pieces(tmp_path, pieces, 3)
 
 
