@@ -141,6 +141,11 @@ class Hierarchy(FieldState):
             raise IndexError(f"level {level} is out of range: the hierarchy has {known}")
         return self.levels[level]
 
+    def _coarser(self, level: int) -> Int:
+        if level + 1 == len(self):
+            raise IndexError(f"level {level} is the coarsest: no level contains its agglomerates")
+        return self._level(level + 1)
+
     def _fine_mesh(self) -> Mesh:
         if self.fine is None:
             raise MeshError(
@@ -155,12 +160,14 @@ class Hierarchy(FieldState):
         ------
         ValueError
             If the hierarchy is not nested.
+        IndexError
+            For the coarsest level, or a level that does not exist.
         """
         if not self.nested:
             raise OptionError(
                 f"the hierarchy is not nested: use overlap({level}), or agglomerate with nested=True"
             )
-        fine, coarse = self._level(level), self._level(level + 1)
+        fine, coarse = self._level(level), self._coarser(level)
         parents = np.empty(self.parts[level], np.int64)
         parents[fine] = coarse
         return frozen_int(parents)
@@ -170,7 +177,7 @@ class Hierarchy(FieldState):
 
         The hierarchy need not be nested.
         """
-        fine, coarse = self._level(level), self._level(level + 1)
+        fine, coarse = self._level(level), self._coarser(level)
         places = tuple(index_cast(labels, self.graph.n) for labels in (coarse, fine))
         shape = (self.parts[level + 1], self.parts[level])
         return sparse.csr_array(sparse.coo_array((self.graph.measures, places), shape=shape))

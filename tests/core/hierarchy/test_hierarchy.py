@@ -94,8 +94,10 @@ def test_levels_beyond_the_last() -> None:
     hierarchy = hierarchy_of(samples.squares(2), np.array([0, 0, 1, 1]), np.zeros(4, int))
     assert repr(hierarchy) == "Hierarchy(4 cells -> 2, 1 parts)"
     for refused in (hierarchy.parents, hierarchy.overlap):
-        with pytest.raises(IndexError, match=r"level 2 is out of range: the hierarchy has levels 0\.\.1"):
+        with pytest.raises(IndexError, match="level 1 is the coarsest: no level contains its agglomerates"):
             refused(1)
+        with pytest.raises(IndexError, match=r"level 2 is out of range: the hierarchy has levels 0\.\.1"):
+            refused(2)
     with pytest.raises(IndexError, match=r"level -1"):
         hierarchy.prolongation(-1)
     for use in (hierarchy.quality, hierarchy.prolongation, hierarchy.__getitem__):
