@@ -45,6 +45,7 @@ from agglo_core.problems.table import (
     boundary_values,
     cell_values,
     face_tag,
+    require_by_tag,
     require_keys,
     robin_values,
     tensor_values,
@@ -129,13 +130,8 @@ class Diffusion:
                     f"{name} must be a number, an array with one value per cell, or a callable; given "
                     f"{getattr(self, name)!r}"
                 )
-        for name, given in ((name, getattr(self, name)) for name in ("dirichlet", "neumann", "robin")):
-            if not isinstance(given, Mapping):
-                raise OptionError(
-                    f"{name} must be a mapping from boundary tags to data; given {given!r:.60}: write "
-                    f"{name}={{0: data}} on a mesh without boundary tags, else one entry for each value of "
-                    f"mesh.face_tags[{self.boundary!r}]"
-                )
+        for name in ("dirichlet", "neumann", "robin"):
+            require_by_tag(name, getattr(self, name), self.boundary, "data")
         data = {f"dirichlet[{tag}]": value for tag, value in self.dirichlet.items()}
         data |= {f"neumann[{tag}]": value for tag, value in self.neumann.items()}
         for tag, pair in self.robin.items():

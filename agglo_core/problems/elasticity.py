@@ -32,7 +32,14 @@ import numpy as np
 from agglo_core.arrays import Float, exact_cast, frozen_float, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
-from agglo_core.problems.table import boundary_vectors, cell_values, face_tag, require_keys, vector
+from agglo_core.problems.table import (
+    boundary_vectors,
+    cell_values,
+    face_tag,
+    require_by_tag,
+    require_keys,
+    vector,
+)
 
 VectorField = Sequence[float] | Float | Callable[[Float], Float]
 """A vector ``(d,)``, one vector per cell ``(n, d)``, or a function of points ``(q, d)`` with values
@@ -106,13 +113,8 @@ class Elasticity:
                     "its values at mesh.cell_centroids"
                 )
             _require_numbers(name, getattr(self, name))
-        for name, data in (("displacement", self.displacement), ("traction", self.traction)):
-            if not isinstance(data, Mapping):
-                raise OptionError(
-                    f"{name} must be a mapping from boundary tags to vectors; given {data!r:.60}: write "
-                    f"{name}={{0: vector}} on a mesh without boundary tags, else one entry for each value of "
-                    f"mesh.face_tags[{self.boundary!r}]"
-                )
+        for name in ("displacement", "traction"):
+            require_by_tag(name, getattr(self, name), self.boundary, "vectors")
         vectors = {f"displacement[{tag}]": value for tag, value in self.displacement.items()}
         vectors |= {f"traction[{tag}]": value for tag, value in self.traction.items()}
         for name, value in ({"force": self.force} | vectors).items():

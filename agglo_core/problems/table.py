@@ -26,6 +26,16 @@ def require_keys(table: Mapping[str, Any], keys: Sequence[str]) -> None:
         raise OptionError(f"unknown key {unknown[0]!r}{hint}; accepted: {', '.join(accepted)}")
 
 
+def require_by_tag(name: str, data: Any, boundary: str, what: str) -> None:
+    """Raise OptionError unless the data for boundary tags are a mapping. ``what`` names one of them."""
+    if not isinstance(data, Mapping):
+        raise OptionError(
+            f"{name} must be a mapping from boundary tags to {what}; given {data!r:.60}: write "
+            f"{name}={{0: {what}}} on a mesh without boundary tags, else one entry for each value of "
+            f"mesh.face_tags[{boundary!r}]"
+        )
+
+
 def number(key: str, value: Any) -> float:
     """Return the value of a key as a finite float, or raise OptionError."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:

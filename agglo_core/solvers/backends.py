@@ -61,22 +61,27 @@ def pardiso(A: Any) -> Solves:
     upper = sparse.csr_matrix(sparse.triu(A, format="csr"), dtype=np.float64)
     upper.setdiag(sparse.csr_array(A).diagonal())  # PARDISO requires stored diagonal zeros
     upper.sort_indices()
-    for kind in (_CHOLESKY, _BUNCH_KAUFMAN):
-        with _path_of_mkl():
-            solver = package.PyPardisoSolver(mtype=kind)
-        try:
-            solver.factorize(upper)
-        except (ValueError, package.PyPardisoError) as error:  # only Bunch–Kaufman accepts pivots below 0
-            failure = error
-            solver.free_memory(everything=True)
-            continue
+    try:
+        return _pardiso(package, upper, _CHOLESKY)
+    except np.linalg.LinAlgError:  # only Bunch–Kaufman accepts pivots below 0
+        return _pardiso(package, upper, _BUNCH_KAUFMAN)
 
-        def solve(b: Any, solver: Any = solver) -> Any:
-            return solver.solve(upper, np.asfortranarray(b, dtype=np.float64))
 
-        weakref.finalize(solve, solver.free_memory, everything=True)  # Python does not free MKL's memory
-        return solve
-    raise np.linalg.LinAlgError(f"PARDISO: {failure}")
+def _pardiso(package: Any, matrix: Any, kind: int) -> Solves:
+    """Factorise a sorted CSR matrix with PARDISO's code ``kind``, or raise LinAlgError."""
+    with _path_of_mkl():
+        solver = package.PyPardisoSolver(mtype=kind)
+    try:
+        solver.factorize(matrix)
+    except (ValueError, package.PyPardisoError) as error:
+        solver.free_memory(everything=True)
+        raise np.linalg.LinAlgError(f"PARDISO: {error}") from error
+
+    def solve(b: Any) -> Any:
+        return solver.solve(matrix, np.asfortranarray(b, dtype=np.float64))
+
+    weakref.finalize(solve, solver.free_memory, everything=True)  # Python does not free MKL's memory
+    return solve
 
 
 def cholmod(A: Any) -> Solves:
@@ -130,19 +135,7 @@ def general_pardiso(A: Any) -> Solves:
     package = _package("pardiso")
     matrix = sparse.csr_matrix(A, dtype=np.float64)
     matrix.sort_indices()
-    with _path_of_mkl():
-        solver = package.PyPardisoSolver(mtype=_GENERAL)
-    try:
-        solver.factorize(matrix)
-    except (ValueError, package.PyPardisoError) as error:
-        solver.free_memory(everything=True)
-        raise np.linalg.LinAlgError(f"PARDISO: {error}") from error
-
-    def solve(b: Any) -> Any:
-        return solver.solve(matrix, np.asfortranarray(b, dtype=np.float64))
-
-    weakref.finalize(solve, solver.free_memory, everything=True)  # Python does not free MKL's memory
-    return solve
+    return _pardiso(package, matrix, _GENERAL)
 
 
 BACKENDS: Final[Mapping[str, Callable[[Any], Solves]]] = MappingProxyType(
