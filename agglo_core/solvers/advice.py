@@ -25,7 +25,9 @@ _PENALTY: Final = 10.0
 MANY: Final = 10
 """Minimum number of right-hand sides for the table ``_SEVERAL`` (benchmarks/break_even.py --many)."""
 _STEPS: Final = 5
+"""Smoothing steps after which the rest of a random vector counts as slow error."""
 _NULL: Final = 1e-6
+"""Maximum force of a translation, relative to the diagonal, that counts as 0."""
 _CANCELLED: Final = 0.1
 """Maximum energy of slow errors relative to that of their components, for λ / μ from about 50."""
 _TITLES: Final[Mapping[str, str]] = MappingProxyType({"pardiso": "PARDISO", "superlu": "SuperLU"})
