@@ -142,6 +142,7 @@ class KMeans:
     def _bisected(self, graph: Graph, target: Target) -> Int:
         """Partition a connected graph by recursive bisection, and return the labels."""
         growth = self.grow(graph, frozen_int(np.zeros(graph.n)), [InterfaceRefiner()], ConnectivityFixer())
+        assert growth is not None  # refiner and fixer are the built-in ones
         seeds = np.zeros(1, np.uint64)
         if target.h_star is None:
             return growth.split(frozen_int([target.parts or 1]), seeds, to_nobody)[0]

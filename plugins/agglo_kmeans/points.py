@@ -1,5 +1,7 @@
 """Point sets for 2-means: copying to a workspace, trial axes, and binning on a grid."""
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 from typing import Any, NamedTuple
@@ -312,7 +314,7 @@ def bin_points(x, y, z, w, n, frame, planar, sums, means):
         bin_index = 0
         for k in range(2 if planar else 3):
             position = frame[k, 0] * x[i] + frame[k, 1] * y[i] + frame[k, 2] * z[i] + middle
-            bin_index = bin_index * steps + min(max(np.int64(position), 0), steps - 1)
+            bin_index = bin_index * steps + min(max(np.int64(position), 0), steps - 1)  # type: ignore[operator]
         sums[bin_index, 0] += w[i] * x[i]
         sums[bin_index, 1] += w[i] * y[i]
         sums[bin_index, 2] += w[i] * z[i]

@@ -1,5 +1,7 @@
 """Split point sets by 2-means: Lloyd's iteration, started from several axes."""
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 import numpy as np

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from agglo_core.anneal.part_search import PartSearch
-from agglo_core.authoring import Float, Graph, Int, OptionError, Target, UInt64
+from agglo_core.authoring import Float, Graph, Index, Int, OptionError, Target, UInt64
 
 if TYPE_CHECKING:
     import pymetis
@@ -174,7 +174,7 @@ class Metis:
 def _part(
     parts: int,
     starts: Int,
-    adjacent: Int,
+    adjacent: Index,
     nodes: Int | None,
     edges: Int | None,
     options: pymetis.Options,

@@ -98,7 +98,8 @@ def _few_colours(encoded: str) -> str:
 
 def _join_clips(svg: str) -> str:
     """Join adjacent groups that have the same clip path."""
-    lines, last = [], ""
+    lines: list[str] = []
+    last = ""
     for piece in re.split(r"(?=<g clip-path)", svg):
         match = _CLIPPED.match(piece)
         if match and match[1] == last and lines[-1].endswith("</g>\n"):

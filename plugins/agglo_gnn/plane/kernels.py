@@ -8,7 +8,7 @@ import numpy as np
 
 from agglo_core.authoring import helper, kernel
 from agglo_core.compiled.frames import half_circle, halvings, turned
-from agglo_core.compiled.thresholds import NO_CUT, axes_block, scan_thresholds
+from agglo_core.compiled.thresholds import NO_CUT, axes_block, bar_of, scan_thresholds
 from agglo_core.split import piece_driver, piece_frames, piece_splits, piece_sweeps
 from agglo_gnn.plane.raster_kernels import fill_raster, new_raster, to_frame
 
@@ -173,9 +173,9 @@ def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, std):
     # 2. List the cells in the band, about a quarter in a square. Edges outside the band are skipped, even
     # edges that cross the whole band.
     cut, start, inside = 0.0, np.uint64(lo), np.uint64(0)
-    for i in range(n):
-        listed[inside] = i  # no branch: it would be mispredicted
-        inside += np.uint64((bins[i] >= 0) & (bins[i] < _BINS))
+    for k in range(n):
+        listed[inside] = k  # no branch: it would be mispredicted
+        inside += np.uint64((bins[k] >= 0) & (bins[k] < _BINS))
     # 3. Each cell's contribution to the cut beyond its bin. Thresholds between the end bins cut an edge:
     # its length is added in the lower bin, and subtracted in the higher bin. Edges from below the band are
     # cut at its lower end already. Neighbours in other pieces count as if in the cell's own bin.
@@ -285,7 +285,7 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
     # 3. Sides by height. The axis may have any length: unit converts heights to lengths.
     unit = 1.0 / np.hypot(axis[0], axis[1])
     return piece_driver.tag_sides(
-        graph, pieces, lo, hi, heights, piece_sweeps.bar_of(best), unit, extent, candidates, sides
+        graph, pieces, lo, hi, heights, bar_of(best), unit, extent, candidates, sides
     )
 
 

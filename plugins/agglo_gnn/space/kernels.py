@@ -1,5 +1,7 @@
 """Compiled evaluation of the 3-D network, which scores and tilts principal axes, and search for the cut."""
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 from typing import Any, NamedTuple
@@ -7,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agglo_core.authoring import helper, kernel
-from agglo_core.compiled.thresholds import NO_CUT, scan_thresholds
-from agglo_core.split import piece_driver, piece_frames, piece_splits, piece_sweeps
+from agglo_core.compiled.thresholds import NO_CUT, bar_of, scan_thresholds
+from agglo_core.split import piece_driver, piece_frames, piece_splits
 from agglo_gnn.plane.kernels import dense, number_cells
 from agglo_gnn.space.moments import fill_features, frame_by_moments, moment_room
 
@@ -189,9 +191,7 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
         if best_axis != last:
             _project(n, axis, local[0], local[1], local[2], shares, score)
     # 3. Sides by height; the axis has length 1. Without a cut the piece is halved.
-    return piece_driver.tag_sides(
-        graph, pieces, lo, hi, score, piece_sweeps.bar_of(best), 1.0, extent, candidates, sides
-    )
+    return piece_driver.tag_sides(graph, pieces, lo, hi, score, bar_of(best), 1.0, extent, candidates, sides)
 
 
 @helper(allocates=True)

@@ -1,5 +1,7 @@
 """Compiled inputs of the 3-D network: principal axes, moments and features of a piece."""
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 import numpy as np

@@ -129,12 +129,13 @@ def _arrays_of(level: Graph) -> dict[str, Any]:
     rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
     is_upper = rows < level.indices
     block = level.block_ids[rows[is_upper]]
+    ends: Int = np.stack((rows[is_upper], level.indices[is_upper]), axis=1)
     return {
         "cell_offsets": np.diff(level.offsets),
         "edge_offsets": np.bincount(block, minlength=level.n_blocks),
         "cells": cells,
         "shares": shares,
-        "ends": np.stack((rows[is_upper], level.indices[is_upper]), axis=1) - level.offsets[block][:, None],
+        "ends": ends - level.offsets[block][:, None],
         "areas": level.interface[is_upper] * sections[block],
         "even": even,
         "odd": odd,

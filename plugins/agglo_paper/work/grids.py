@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import sqrt
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, cast
 from zipfile import BadZipFile
 
 import numpy as np
@@ -36,7 +36,7 @@ def load(source: str, numbering: int = 0) -> Mesh:
     """
     kind, _, name = source.partition(":")
     if kind == "paper":
-        mesh = samples.paper(name)
+        mesh = samples.paper(cast("Any", name))
     elif kind == "fresh":
         family, _, number = name.rpartition(":")
         mesh = _fresh(family, int(number))

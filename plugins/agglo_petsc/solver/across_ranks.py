@@ -188,6 +188,7 @@ def solve_discretised(
     # 3. Solve
     with watch("solve"), phase(progress, "solving"):
         history = solve(ksp, vector(A, rows.b), tolerance=tolerance, max_iterations=max_iterations)
+    assert history.relative_residual is not None  # solve measures it
     ranks, sizes = mesh.ranks, level_sizes(ksp)
     smoother = choose_smoother(petsc_levels) if options["smoother"] == "auto" else options["smoother"]
     on = "one rank" if ranks.size == 1 else f"{ranks.size} ranks"
@@ -200,7 +201,7 @@ def solve_discretised(
         unknowns=A.getSize()[0],
         levels=len(sizes),
         sizes=sizes,
-        relative_residual=float(history.relative_residual),
+        relative_residual=history.relative_residual,
         energy_error=history.energy_error,
         tests=history.tests,
         energy=ranks.summed(float(rows.load @ history.x)),
