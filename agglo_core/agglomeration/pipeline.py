@@ -51,7 +51,9 @@ class Pipeline(Rules):
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
-            raise OptionError(f"method must be 'recursive' or 'kway', given {self.method!r}")
+            raise OptionError(
+                f"method must be 'recursive' or 'kway', given {self.method!r}; bisector= is the algorithm"
+            )
         if not isinstance(self.seed, Integral) or isinstance(self.seed, bool) or not 0 <= self.seed < 2**63:
             raise OptionError(f"seed must be an integer in 0..2^63 − 1, given {self.seed!r}")
         object.__setattr__(self, "seed", int(self.seed))

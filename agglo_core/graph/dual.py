@@ -72,7 +72,7 @@ class Graph(BlockGraph):
     --------
     >>> graph = agglo.samples.squares(2).graph
     >>> graph
-    Graph(2-D, 4 nodes, 4 edges, 1 blocks)
+    Graph(2-D, 4 nodes, 4 edges)
     >>> graph.indptr.tolist(), graph.indices.tolist()
     ([0, 2, 4, 6, 8], [1, 2, 0, 3, 0, 3, 1, 2])
     """
@@ -169,7 +169,8 @@ class Graph(BlockGraph):
         check_graph(self)
 
     def __repr__(self) -> str:
-        return f"Graph({self.dim}-D, {self.n} nodes, {len(self.indices) // 2} edges, {self.n_blocks} blocks)"
+        blocks = f", {self.n_blocks} blocks" if self.n_blocks > 1 else ""
+        return f"Graph({self.dim}-D, {self.n} nodes, {len(self.indices) // 2} edges{blocks})"
 
     def to_scipy(self) -> sparse.csr_array[Any, Any]:
         """Return a copy of the adjacency matrix ``(n, n)``, weighted by interface measure.
@@ -275,6 +276,6 @@ def dual_graph(mesh: Mesh) -> Graph:
     Examples
     --------
     >>> dual_graph(agglo.samples.boxes(2))
-    Graph(3-D, 8 nodes, 12 edges, 1 blocks)
+    Graph(3-D, 8 nodes, 12 edges)
     """
     return Graph.from_mesh(mesh)

@@ -102,7 +102,7 @@ def graph_from_networkx(
     --------
     >>> there = agglo.samples.squares(2).graph.to_networkx()
     >>> agglo.interchange.graph_from_networkx(there)
-    Graph(2-D, 4 nodes, 4 edges, 1 blocks)
+    Graph(2-D, 4 nodes, 4 edges)
     """
     if network.is_directed():
         raise MeshError(

@@ -109,7 +109,7 @@ def test_the_dual_graph_is_what_a_loop_over_the_faces_gives(mesh: Mesh) -> None:
 def test_a_path_of_three_squares() -> None:
     graph = samples.strip(3).graph
     assert rows(graph)[1].keys() == {0, 2}
-    assert repr(graph) == "Graph(2-D, 3 nodes, 2 edges, 1 blocks)"
+    assert repr(graph) == "Graph(2-D, 3 nodes, 2 edges)"
     assert graph.indptr.dtype == graph.offsets.dtype == np.int64
     assert graph.indices.dtype == graph.vertices.dtype == np.int32
     assert not any(getattr(graph, name).flags.writeable for name in ARRAYS)
