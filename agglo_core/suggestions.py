@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import difflib
 import reprlib
-from collections.abc import Callable, Iterable
-from functools import wraps
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial, wraps
 from inspect import Parameter, signature
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar, cast
 
 _ELSEWHERE = {
     "tol": ("tolerance",),
@@ -16,8 +16,7 @@ _ELSEWHERE = {
 }
 """Names of options in scipy and PyAMG -> names here, which are not similar."""
 
-P = ParamSpec("P")
-R = TypeVar("R")
+Called = TypeVar("Called", bound=Callable[..., Any])
 
 
 def did_you_mean(name: str, names: Iterable[str], n: int = 1, cutoff: float = 0.6) -> str:
@@ -49,10 +48,10 @@ def did_you_mean(name: str, names: Iterable[str], n: int = 1, cutoff: float = 0.
     return f" (did you mean {' or '.join(map(repr, close))}?)" if close else ""
 
 
-def suggest_keywords(
-    keyword_for: Callable[[Any], str] | None = None,
-) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def suggest_keywords(keyword_for: Callable[[Any], str] | None = None) -> Callable[[Called], Called]:
     """Make the TypeErrors of wrong calls name the closest keyword or the correct call (decorator).
+
+    It decorates functions, methods and the constructors of classes.
 
     Parameters
     ----------
@@ -71,41 +70,58 @@ def suggest_keywords(
     TypeError: halve() got an unexpected keyword argument 'axes' (did you mean 'axis'?)
     """
 
-    def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        parameters = signature(function).parameters
-        positional = [name for name, p in parameters.items() if p.kind is p.POSITIONAL_OR_KEYWORD]
-        by_name = [name for name, p in parameters.items() if p.kind is p.KEYWORD_ONLY]
-        required = [name for name in positional if parameters[name].default is Parameter.empty]
-        any_name = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
-        call = function.__qualname__
+    def decorate(called: Called) -> Called:
+        check = partial(_check_call, called.__qualname__, signature(called).parameters, keyword_for)
+        if isinstance(called, type):
+            construct = called.__init__  # type: ignore[misc]
 
-        @wraps(function)
-        def checked(*arguments: P.args, **keywords: P.kwargs) -> R:
-            unknown = [name for name in keywords if name not in parameters]
-            if any_name:  # unknown keywords are options, except for a mistyped required parameter
-                missing = [
-                    name for name in required if name not in [*positional[: len(arguments)], *keywords]
-                ]
-                unknown = [name for name in unknown if did_you_mean(name, missing)]
-            if unknown:
-                hint = did_you_mean(unknown[0], parameters) or f"; accepted: {', '.join(parameters)}"
-                raise TypeError(f"{call}() got an unexpected keyword argument {unknown[0]!r}{hint}")
-            surplus = arguments[len(positional) :]
-            if surplus and by_name:
-                remedy = f"give the others by name ({', '.join(by_name)})"
-                if keyword_for is not None:
-                    named = {keyword_for(value): value for value in surplus} | keywords
-                    written = [f"{name}={_brief(value)}" for name, value in named.items()]
-                    remedy = f"write {call}({', '.join([*positional, *written])})"
-                count = f"{len(positional)} positional argument{'s' if len(positional) > 1 else ''}"
-                raise TypeError(
-                    f"{call}() takes {count} ({', '.join(positional)}), given {len(arguments)}: {remedy}"
-                )
-            return function(*arguments, **keywords)
+            @wraps(construct)
+            def constructed(self: Any, *arguments: Any, **keywords: Any) -> None:
+                check(arguments, keywords)
+                construct(self, *arguments, **keywords)
 
-        return checked
+            called.__init__ = constructed  # type: ignore[misc]
+            return called
+
+        @wraps(called)
+        def checked(*arguments: Any, **keywords: Any) -> Any:
+            check(arguments, keywords)
+            return called(*arguments, **keywords)
+
+        return cast(Called, checked)
 
     return decorate
+
+
+def _check_call(
+    call: str,
+    parameters: Mapping[str, Parameter],
+    keyword_for: Callable[[Any], str] | None,
+    arguments: tuple[Any, ...],
+    keywords: Mapping[str, Any],
+) -> None:
+    """Raise TypeError for an unknown keyword or superfluous positional arguments."""
+    positional = [name for name, p in parameters.items() if p.kind is p.POSITIONAL_OR_KEYWORD]
+    by_name = [name for name, p in parameters.items() if p.kind is p.KEYWORD_ONLY]
+    # 1. Unknown keywords are options if the function has any, except for a mistyped required parameter.
+    unknown = [name for name in keywords if name not in parameters]
+    if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
+        required = [name for name in positional if parameters[name].default is Parameter.empty]
+        missing = [name for name in required if name not in [*positional[: len(arguments)], *keywords]]
+        unknown = [name for name in unknown if did_you_mean(name, missing)]
+    if unknown:
+        hint = did_you_mean(unknown[0], parameters) or f"; accepted: {', '.join(parameters)}"
+        raise TypeError(f"{call}() got an unexpected keyword argument {unknown[0]!r}{hint}")
+    # 2. Superfluous positional arguments.
+    surplus = arguments[len(positional) :]
+    if surplus and by_name:
+        remedy = f"give the others by name ({', '.join(by_name)})"
+        if keyword_for is not None:
+            named = {keyword_for(value): value for value in surplus} | dict(keywords)
+            written = [f"{name}={_brief(value)}" for name, value in named.items()]
+            remedy = f"write {call}({', '.join([*positional, *written])})"
+        count = f"{len(positional)} positional argument{'s' if len(positional) > 1 else ''}"
+        raise TypeError(f"{call}() takes {count} ({', '.join(positional)}), given {len(arguments)}: {remedy}")
 
 
 def _brief(value: object) -> str:

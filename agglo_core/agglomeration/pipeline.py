@@ -34,6 +34,7 @@ from agglo_core.suggestions import suggest_keywords
 from agglo_core.threads import thread_count, using_threads
 
 
+@suggest_keywords()
 @dataclass(frozen=True)
 class Pipeline(Rules):
     """Configuration of an agglomeration run: components, targets and rules.
@@ -164,7 +165,3 @@ class Pipeline(Rules):
             return float(graph.part_diameters(np.arange(graph.n)).max())
 
         return self.goals(graph.n, mesh_size, lambda: frozen_int(np.bincount(rule_graph.components())))
-
-
-# The constructor of a dataclass exists only after the class statement.
-Pipeline.__init__ = suggest_keywords()(Pipeline.__init__)  # type: ignore[method-assign]

@@ -51,6 +51,7 @@ from agglo_core.problems.table import (
     tensor_values,
     vector,
 )
+from agglo_core.suggestions import suggest_keywords
 
 _KEYS = ("boundary", "kappa", "convection", "reaction", "source", "dirichlet", "neumann", "robin")
 _BOUNDARY = "boundary"
@@ -58,6 +59,7 @@ _ZERO = 1e-9  # maximum |u| that counts as 0 on the boundary, in the unit of u
 _log = logging.getLogger("agglo")
 
 
+@suggest_keywords()
 @dataclass(frozen=True, eq=False)
 class Diffusion:
     """Find u with −∇·(κ∇u) + b·∇u + c u = f, given boundary data by tag.

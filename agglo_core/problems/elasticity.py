@@ -40,6 +40,7 @@ from agglo_core.problems.table import (
     require_keys,
     vector,
 )
+from agglo_core.suggestions import suggest_keywords
 
 VectorField = Sequence[float] | Float | Callable[[Float], Float]
 """A vector ``(d,)``, one vector per cell ``(n, d)``, or a function of points ``(q, d)`` with values
@@ -51,6 +52,7 @@ _BOUNDARY = "boundary"
 _YOUNG, _POISSON = 1.0, 0.3
 
 
+@suggest_keywords()
 @dataclass(frozen=True, eq=False)
 class Elasticity:
     """Find the displacement u with −div(2μ ε(u) + λ (div u) I) = f, given data by boundary tag.

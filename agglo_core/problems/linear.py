@@ -47,10 +47,12 @@ from agglo_core.problems.real_arrays import (
     require_symmetric,
 )
 from agglo_core.problems.table import require_keys
+from agglo_core.suggestions import suggest_keywords
 
 _KEYS = ("matrix", "rhs", "unknowns", "near_null", "symmetric")
 
 
+@suggest_keywords()
 @dataclass(frozen=True, eq=False)
 class Linear:
     """Linear problem A x = b. Cell c has the unknowns ``block_offsets[c]:block_offsets[c + 1]``.

@@ -47,9 +47,12 @@ def test_the_functions_of_the_package_are_tested() -> None:
     }
 
 
-@pytest.mark.parametrize("function", [*FUNCTIONS, Pipeline])
+CLASSES = [Pipeline, agglo.Diffusion, agglo.Elasticity, agglo.Linear]
+
+
+@pytest.mark.parametrize("function", [*FUNCTIONS, *CLASSES])
 def test_each_mistyped_keyword_names_the_right_one(function: Callable[..., Any]) -> None:
-    first = () if function is Pipeline else (MESH,)
+    first = () if function in CLASSES else (MESH,)
     names = [name for name in inspect.signature(function).parameters if len(name) > 3 and name != "options"]
     assert names
     required = {"problem": 1, "u0": 0.0, "t_end": 1.0, "step": 0.5} if function is agglo.evolve else {}
