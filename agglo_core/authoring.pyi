@@ -4,6 +4,7 @@ from agglo_core import (
     __version__ as __version__,
     conformance as conformance,
     distributed as distributed,
+    fields as fields,
     multigrid as multigrid,
     samples as samples,
     solvers as solvers,

@@ -24,10 +24,13 @@ from agglo_core.authoring import (
     frozen_float,
     solvers,
 )
+from agglo_core.fields.coefficients import is_zero
+from agglo_core.fields.tensors import is_tensor, tensor
+from agglo_core.fields.values import sample
 from agglo_polydg_mg.elasticity.discretisation import PolyDGElasticity
 from agglo_polydg_mg.forms.assembly import Lifted, discretise_lifted, effective_penalty, load
 from agglo_polydg_mg.forms.boundary import boundary_faces, largest_alpha, require_consistent
-from agglo_polydg_mg.forms.coefficients import cell_means, is_zero
+from agglo_polydg_mg.forms.coefficients import cell_means
 from agglo_polydg_mg.forms.convection import mean_speed, velocity
 from agglo_polydg_mg.forms.floating import floating_parts, mean_remover
 from agglo_polydg_mg.forms.fluxes import fluxes
@@ -37,9 +40,7 @@ from agglo_polydg_mg.forms.sides import with_straight_sides
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.solver.choose import choose
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.quadrature import sample
 from agglo_polydg_mg.space.sampling import evaluate, gradient, quadrature, samples_of
-from agglo_polydg_mg.space.tensors import is_tensor, tensor
 
 Kept = tuple[Any, Float, EnergyNorm | None]
 """Matrix, penalty and energy norm of an earlier problem with an equal matrix."""

@@ -88,9 +88,9 @@ CONSTANTS: Mapping[str, tuple[str, ...]] = {
     "errors": (
         "plugins/agglo_polydg_mg/forms/norms.py:_FACES",
         "plugins/agglo_polydg_mg/forms/norms.py:_STEP",
-        "plugins/agglo_polydg_mg/space/quadrature.py:_POINTS",
-        "plugins/agglo_polydg_mg/space/sampling.py:_TRIANGLES",
-        "plugins/agglo_polydg_mg/space/sampling.py:_INSIDE",
+        "agglo_core/fields/rules.py:_POINTS",
+        "agglo_core/fields/location.py:_TRIANGLES",
+        "agglo_core/fields/location.py:_INSIDE",
     ),
     "threads": (
         "agglo_core/threads.py:COSTLY",

@@ -39,6 +39,7 @@ MAY_IMPORT = {
     "graph": EVERYBODY | {"compiled", "mesh"},
     "hierarchy": EVERYBODY | {"compiled", "graph", "mesh"},
     "problems": EVERYBODY | {"hierarchy", "mesh", "registry"},
+    "fields": EVERYBODY | {"mesh", "problems"},
     "multigrid": EVERYBODY | {"compiled", "graph", "hierarchy", "mesh", "problems", "registry"},
     "solvers": EVERYBODY | {"graph", "hierarchy", "mesh", "multigrid", "problems", "registry"},
     "protocols": EVERYBODY | {"graph", "hierarchy", "mesh", "problems"},

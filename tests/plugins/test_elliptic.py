@@ -15,12 +15,12 @@ from scipy.sparse.linalg import spsolve
 
 import agglo_core as agglo
 from agglo_core import AggloError, Mesh, OptionError, agglomerate, samples
+from agglo_core.fields.rules import inside
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.forms.face_quadrature import face_rule
 from agglo_polydg_mg.forms.norms import Errors, errors
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.space.quadrature import inside
 
 Array = NDArray[np.float64]
 

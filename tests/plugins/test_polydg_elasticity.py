@@ -79,7 +79,7 @@ def slow_form(basis: Basis, material: Material, sigma: Array, u: Array, v: Array
         return material.mu[c] * (slope + slope.transpose(0, 2, 1)) + material.lame[c] * trace
 
     total = 0.0
-    from agglo_polydg_mg.space.quadrature import inside
+    from agglo_core.fields.rules import inside
 
     for batch in inside(mesh, 2 * basis.degree):
         for c in range(mesh.n_cells):

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from agglo_core import Mesh, samples
+from agglo_core.fields.rules import inside
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.forms.assembly import discretise
 from agglo_polydg_mg.forms.penalty import face_penalty, triangle_heights
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.polynomials import legendre, orders, slopes
-from agglo_polydg_mg.space.quadrature import inside, moments, weighted_moments
+from agglo_polydg_mg.space.quadrature import moments, weighted_moments
 
 Array = NDArray[np.float64]
 

@@ -10,6 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from agglo_core import FileError, Mesh, MeshError, OptionError, read, samples
+from agglo_core.fields.location import locate
+from agglo_core.fields.sampling import sample_points
+from agglo_core.fields.simplices import triangulate
 from agglo_core.io.vtk.solution import write_solution
 from agglo_core.io.vtk.xml_read import parse
 from agglo_core.problems import Diffusion
@@ -17,8 +20,7 @@ from agglo_polydg_mg.auxiliary.box_transfer import project_between
 from agglo_polydg_mg.forms.norms import errors
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.quadrature import triangulate
-from agglo_polydg_mg.space.sampling import evaluate, locate, sample_points, samples_of
+from agglo_polydg_mg.space.sampling import evaluate, samples_of
 
 Array = NDArray[np.float64]
 
@@ -62,7 +64,7 @@ def test_injection_leaves_the_function_as_it_is(scaled: bool, coarse_degree: int
     fine, wide = Basis(mesh, 3, scaled), Basis(coarse, coarse_degree, scaled)
     y = np.random.default_rng(1).standard_normal(wide.n)
     x = project_between(fine, wide, labels) @ y
-    cells, points, _ = sample_points(fine)
+    cells, points, _ = sample_points(fine.mesh, fine.degree)
     np.testing.assert_allclose(
         fine.evaluate(x, cells, points), wide.evaluate(y, labels[cells], points), rtol=1e-9, atol=1e-9
     )

@@ -13,9 +13,11 @@ from scipy.sparse.linalg import spsolve
 
 import agglo_core as agglo
 from agglo_core import Mesh, OptionError, samples
+from agglo_core.fields.coefficients import positive
+from agglo_core.fields.gauss_points import gauss
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.forms.assembly import discretise, jump_penalty
-from agglo_polydg_mg.forms.coefficients import positive, reaction_blocks
+from agglo_polydg_mg.forms.coefficients import reaction_blocks
 from agglo_polydg_mg.forms.face_quadrature import all_faces, face_coefficients, face_rule
 from agglo_polydg_mg.forms.form_kernels import largest_bounds
 from agglo_polydg_mg.forms.norms import Errors, errors
@@ -26,7 +28,6 @@ from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.plain_cg import PlainCG
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.space.basis import Basis, block_diagonal, stiffness
-from agglo_polydg_mg.space.gauss_points import gauss
 from agglo_polydg_mg.space.legendre_kernels import LANES
 
 Array = NDArray[np.float64]

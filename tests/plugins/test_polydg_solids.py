@@ -12,9 +12,9 @@ from scipy.sparse.linalg import eigsh, spsolve
 from solid_meshes import MESHES, Array, gauss_tetrahedron, gauss_triangle, loops
 
 from agglo_core import Mesh, MeshError, samples
+from agglo_core.fields.coefficients import positive
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.forms.assembly import discretise, jump_penalty
-from agglo_polydg_mg.forms.coefficients import positive
 from agglo_polydg_mg.forms.norms import errors
 from agglo_polydg_mg.forms.penalty import simplex_heights
 from agglo_polydg_mg.forms.sharp_penalty import MARGIN

@@ -9,13 +9,15 @@ import pytest
 from solid_meshes import MESHES, gauss_tetrahedron, loops
 
 from agglo_core import MeshError
+from agglo_core.fields.location import locate
+from agglo_core.fields.sampling import sample_points
 from agglo_polydg_mg.auxiliary.box_transfer import project_between
 from agglo_polydg_mg.forms.penalty import simplex_heights
 from agglo_polydg_mg.forms.sides import sides_of
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.polynomials import legendre, orders
 from agglo_polydg_mg.space.quadrature import moments, weighted_moments
-from agglo_polydg_mg.space.sampling import evaluate, locate, sample_points
+from agglo_polydg_mg.space.sampling import evaluate
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -70,13 +72,13 @@ def test_points_are_found_in_their_cells(name: str) -> None:
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_samples_fill_the_cells(degree: int) -> None:
     mesh = MESHES["Voronoi"]
-    cells, points, simplices = sample_points(Basis(mesh, degree))
+    cells, points, simplices = sample_points(mesh, degree)
     corners = points[simplices]
     volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6
     assert (volumes > 0).all()
     np.testing.assert_allclose(np.bincount(cells[simplices[:, 0]], volumes), mesh.cell_measures)
     with pytest.raises(MeshError, match="star-shaped"):
-        sample_points(Basis(MESHES["hollow"], degree))
+        sample_points(MESHES["hollow"], degree)
 
 
 def test_sides_are_what_two_cells_share() -> None:

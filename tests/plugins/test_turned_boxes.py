@@ -7,13 +7,14 @@ import pytest
 from random_diffusion import graded
 
 from agglo_core import Hierarchy, Mesh, samples
+from agglo_core.fields.rules import inside
 from agglo_core.problems import Diffusion, Solution
 from agglo_polydg_mg.auxiliary.box_transfer import project_between
 from agglo_polydg_mg.forms.assembly import discretise
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.polynomials import legendre, orders
-from agglo_polydg_mg.space.quadrature import inside, moments
+from agglo_polydg_mg.space.quadrature import moments
 
 SEED = int(np.random.default_rng().integers(10**6))
 

@@ -6,8 +6,8 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Float, Int, OptionError, frozen_float, frozen_int
+from agglo_core.fields.gauss_points import gauss
 from agglo_polydg_mg.space.basis import Basis, one_per_row
-from agglo_polydg_mg.space.gauss_points import gauss
 from agglo_polydg_mg.space.polynomials import legendre, orders
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Float, Index, Int, Mask, Mesh, frozen, frozen_float, frozen_index, frozen_int
+from agglo_core.fields.gauss_points import gauss
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.gauss_points import gauss
 
 _SHORT = 0.5
 """Fraction of |K| / diam K below which a face is short: its ends share an unknown, and it has no bubbles.

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import Float, Index, Int, Mesh, frozen_float, frozen_index, frozen_int
+from agglo_core.fields.gauss_points import simplex_rule
 from agglo_polydg_mg.auxiliary.conforming_space import ConformingSpace
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.gauss_points import simplex_rule
 from agglo_polydg_mg.space.polynomials import orders
 
 _REGULARISATION = 1e-4

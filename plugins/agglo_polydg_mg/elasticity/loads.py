@@ -16,13 +16,14 @@ from agglo_core.authoring import (
     frozen_float,
     frozen_int,
 )
+from agglo_core.fields.boundary import boundary_values
+from agglo_core.fields.values import sample
 from agglo_polydg_mg.elasticity.forms import add_rows, tractions
 from agglo_polydg_mg.elasticity.material import Material, along
 from agglo_polydg_mg.elasticity.vectors import components
-from agglo_polydg_mg.forms.boundary import Boundary, boundary_values
+from agglo_polydg_mg.forms.boundary import Boundary
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.quadrature import sample
 
 _ROUNDING = 1e-6
 """Difference between exact solution and displacements, relative to their size, that counts as rounding."""
@@ -79,7 +80,9 @@ def vector_data(
     axes: list[dict[int, Field]] = [
         {tag: each[axis] for tag, each in by_tag.items()} for axis in range(basis.mesh.dim)
     ]
-    values = [boundary_values(basis.mesh, boundary, each, rule.faces, rule.points, name) for each in axes]
+    values = [
+        boundary_values(basis.mesh, boundary.tags, each, rule.faces, rule.points, name) for each in axes
+    ]
     return frozen_float(np.stack(values, axis=2))
 
 

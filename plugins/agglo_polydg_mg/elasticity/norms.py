@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from agglo_core.authoring import Elasticity, Float, Int, Mask, OptionError, frozen_float, frozen_int
+from agglo_core.fields.rules import inside
+from agglo_core.fields.values import sample
 from agglo_polydg_mg.elasticity.forms import cell_blocks
 from agglo_polydg_mg.elasticity.loads import elastic_boundary, vector_data
 from agglo_polydg_mg.elasticity.material import Material, along, face_weights
@@ -15,7 +17,6 @@ from agglo_polydg_mg.elasticity.vectors import components, split
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule
 from agglo_polydg_mg.forms.norms import difference_quotients, shares_of_faces
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.quadrature import inside, sample
 
 _FACES = 20_000  # per batch: limits the memory for the traces at their quadrature points
 

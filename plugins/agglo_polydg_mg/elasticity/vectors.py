@@ -13,8 +13,8 @@ from itertools import combinations
 import numpy as np
 
 from agglo_core.authoring import Field, Float, OptionError, Samples, VectorField, frozen_float
+from agglo_core.fields.gauss_points import gauss
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.gauss_points import gauss
 from agglo_polydg_mg.space.polynomials import legendre, orders, slopes
 from agglo_polydg_mg.space.sampling import evaluate, samples_of
 

@@ -23,6 +23,9 @@ from agglo_core.authoring import (
     frozen_float,
     frozen_int,
 )
+from agglo_core.fields.coefficients import positive
+from agglo_core.fields.gauss_points import gauss
+from agglo_core.fields.tensors import Tensor
 from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.forms.boundary import (
     Boundary,
@@ -34,7 +37,7 @@ from agglo_polydg_mg.forms.boundary import (
     robin_terms,
     rule_of,
 )
-from agglo_polydg_mg.forms.coefficients import cell_means, positive, reaction_blocks
+from agglo_polydg_mg.forms.coefficients import cell_means, reaction_blocks
 from agglo_polydg_mg.forms.convection import add_convection, inflow_load
 from agglo_polydg_mg.forms.face_quadrature import OnFaces, all_faces, on_both_sides
 from agglo_polydg_mg.forms.floating import balanced, floating_parts, hold
@@ -43,8 +46,6 @@ from agglo_polydg_mg.forms.sharp_penalty import sharp_penalty
 from agglo_polydg_mg.forms.side_sums import add_sides
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.space.basis import Basis, stiffness
-from agglo_polydg_mg.space.gauss_points import gauss
-from agglo_polydg_mg.space.tensors import Tensor
 
 
 def discretise(

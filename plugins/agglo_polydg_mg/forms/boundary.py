@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -19,10 +18,12 @@ from agglo_core.authoring import (
     frozen_float,
     frozen_int,
 )
-from agglo_polydg_mg.forms.coefficients import cell_means, is_zero, nonnegative
+from agglo_core.fields.boundary import boundary_parts, boundary_values
+from agglo_core.fields.coefficients import is_zero, nonnegative
+from agglo_core.fields.values import sample
+from agglo_polydg_mg.forms.coefficients import cell_means
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, OnFaces, face_rule, on_pieces
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.quadrature import per_cell, sample
 
 _ROUNDING = 1e-6
 """Difference between exact solution and Dirichlet data, relative to their size, that counts as rounding."""
@@ -58,30 +59,13 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
         For an unknown face tag, or a value in two kinds of data or on no face; on a piece of a distributed
         mesh, for a floating component.
     """
-    # 1. Check the tags
-    tags = _tags(mesh, problem.boundary)
-    outer, kinds = mesh.face_cells[:, 1] < 0, mesh.boundary_kinds
-    on_boundary = kinds.tags.get(problem.boundary, np.zeros_like(kinds.component))
-    present = np.unique(on_boundary).tolist()
-    kinds_of_data = {"Dirichlet": problem.dirichlet, "Neumann": problem.neumann, "Robin": problem.robin}
-    for one, other in combinations(kinds_of_data, 2):
-        conflicts = sorted(set(kinds_of_data[one]) & set(kinds_of_data[other]))
-        if conflicts:
-            raise OptionError(
-                f"boundary tags {conflicts} have both {one} and {other} data: give only one of them"
-            )
-    unknown = sorted({*problem.dirichlet, *problem.neumann, *problem.robin} - set(present))
-    if unknown:
-        raise OptionError(f"no boundary face has the tag {unknown[0]}; the boundary has the tags {present}")
-    # 2. Split the boundary faces
-    data = problem.dirichlet or problem.neumann or problem.robin
-    dirichlet = outer & np.isin(tags, list(problem.dirichlet)) if data else outer
-    natural = outer & ~dirichlet
-    sets = frozen_int(np.flatnonzero(dirichlet)), frozen_int(np.flatnonzero(natural))
-    found = Boundary(tags, *sets, frozen_int([]))
-    if not data:
+    # 1. Split the boundary faces
+    found = Boundary(*boundary_parts(mesh, problem), frozen_int([]))
+    if not (problem.dirichlet or problem.neumann or problem.robin):
         return found
-    # 3. Components without Dirichlet faces
+    # 2. Components without Dirichlet faces
+    kinds = mesh.boundary_kinds
+    on_boundary = kinds.tags.get(problem.boundary, np.zeros_like(kinds.component))
     held = np.isin(on_boundary, list(problem.dirichlet))
     free = np.setdiff1d(kinds.component, kinds.component[held])
     if not len(free):
@@ -95,16 +79,6 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
             "data, its faces are insulated)"
         )
     return found._replace(floating=frozen_int(free))
-
-
-def _tags(mesh: Mesh, name: str) -> Int:
-    """Return the values of the face tag ``name``, all 0 if the default tag is absent."""
-    if name in mesh.face_tags:
-        return mesh.face_tags[name]
-    if name != Diffusion.boundary:
-        known = ", ".join(mesh.face_tags) or "none"
-        raise OptionError(f"the mesh has no face tag {name!r} for the boundary; it has: {known}")
-    return frozen_int(np.zeros(mesh.n_faces))
 
 
 def _are_held(mesh: Mesh, components: Int, problem: Diffusion, boundary: Boundary) -> Mask:
@@ -128,28 +102,12 @@ def _are_held(mesh: Mesh, components: Int, problem: Diffusion, boundary: Boundar
     return held | everywhere
 
 
-def boundary_values(
-    mesh: Mesh, boundary: Boundary, data: Mapping[int, Field], faces: Int, points: Float, name: str
-) -> Float:
-    """Evaluate boundary data ``(t, q)`` at ``points (t, q, d)`` on ``faces (t,)``, 0 without data."""
-    values = np.zeros(points.shape[:2])
-    for tag, field in data.items():
-        on = boundary.tags[faces] == tag
-        if callable(field):
-            given = sample(field, points[on].reshape(-1, mesh.dim) + mesh.origin, f"{name} of tag {tag}")
-            values[on] = given.reshape(-1, points.shape[1])
-        else:
-            cells = per_cell(field, mesh.n_cells, f"{name} of tag {tag}")
-            values[on] = cells[mesh.face_cells[faces[on], 0], None]
-    return values
-
-
 def dirichlet_values(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
     """Evaluate the Dirichlet data ``(t, q)`` at the quadrature points of :func:`rule_of` on their faces."""
     if not problem.dirichlet:
         return np.zeros((len(boundary.dirichlet), basis.degree + 2))
     rule = rule_of(basis, boundary.dirichlet)
-    return boundary_values(basis.mesh, boundary, problem.dirichlet, rule.faces, rule.points, "dirichlet")
+    return boundary_values(basis.mesh, boundary.tags, problem.dirichlet, rule.faces, rule.points, "dirichlet")
 
 
 def require_consistent(mesh: Mesh, problem: Diffusion, degree: int) -> None:
@@ -169,7 +127,7 @@ def require_consistent(mesh: Mesh, problem: Diffusion, degree: int) -> None:
     rule = face_rule(mesh, faces, degree + 2)
     points = rule.points.reshape(-1, mesh.dim) + mesh.origin
     exact = sample(problem.exact, points, "exact")
-    g = boundary_values(mesh, boundary, problem.dirichlet, rule.faces, rule.points, "dirichlet").ravel()
+    g = boundary_values(mesh, boundary.tags, problem.dirichlet, rule.faces, rule.points, "dirichlet").ravel()
     # 2. Largest difference, relative to both, and to values inside where both nearly vanish
     worst = int(np.argmax(np.abs(exact - g)))
     gap = abs(exact[worst] - g[worst])
@@ -247,8 +205,8 @@ def natural_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
 
 def natural_values(mesh: Mesh, boundary: Boundary, problem: Diffusion, rule: FaceRule) -> Float:
     """Evaluate Neumann data and g of Robin data ``(t, q)`` at the points of a rule on natural faces."""
-    g = boundary_values(mesh, boundary, problem.neumann, rule.faces, rule.points, "neumann")
-    return g + boundary_values(mesh, boundary, _second(problem.robin), rule.faces, rule.points, "robin")
+    g = boundary_values(mesh, boundary.tags, problem.neumann, rule.faces, rule.points, "neumann")
+    return g + boundary_values(mesh, boundary.tags, _second(problem.robin), rule.faces, rule.points, "robin")
 
 
 def natural_sizes(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
@@ -267,7 +225,7 @@ def robin_alpha(mesh: Mesh, boundary: Boundary, problem: Diffusion, rule: FaceRu
         For a negative value, with tag and face.
     """
     of_tags = {tag: alpha for tag, (alpha, _) in problem.robin.items()}
-    alpha = boundary_values(mesh, boundary, of_tags, rule.faces, rule.points, "alpha of robin")
+    alpha = boundary_values(mesh, boundary.tags, of_tags, rule.faces, rule.points, "alpha of robin")
     if alpha.size and alpha.min() < 0.0:
         piece = int(np.argmin(alpha.min(axis=1)))
         face = rule.faces[piece]
@@ -325,7 +283,7 @@ def robin_terms(basis: Basis, problem: Diffusion, boundary: Boundary) -> RobinTe
     faces = frozen_int(boundary.natural[np.isin(boundary.tags[boundary.natural], list(problem.robin))])
     rule = rule_of(basis, faces)
     alpha = robin_alpha(mesh, boundary, problem, rule)
-    g = boundary_values(mesh, boundary, _second(problem.robin), rule.faces, rule.points, "robin")
+    g = boundary_values(mesh, boundary.tags, _second(problem.robin), rule.faces, rule.points, "robin")
     targets = np.divide(g, alpha, out=np.zeros_like(g), where=alpha > 0)
     return RobinTerms(
         frozen_int(mesh.face_cells[rule.faces, 0]), _traces(basis, rule), rule.weights * alpha, targets

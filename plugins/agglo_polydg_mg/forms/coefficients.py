@@ -4,50 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import Field, Float, Mesh, OptionError, frozen_float
+from agglo_core.authoring import Field, Float, Mesh, frozen_float
+from agglo_core.fields.coefficients import is_zero, nonnegative
+from agglo_core.fields.tensors import Tensor, is_tensor, tensor
+from agglo_core.fields.values import per_cell
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.quadrature import per_cell, sample, weighted_moments
-from agglo_polydg_mg.space.tensors import Tensor, is_tensor, tensor
-
-
-def positive(mesh: Mesh, kappa: Field) -> Field | Tensor:
-    """Check that κ is positive: return cell values ``(n_cells,)``, or a callable that checks its values.
-
-    A tensor is returned as :class:`~agglo_polydg_mg.space.tensors.Tensor`.
-    """
-    if is_tensor(kappa, mesh):
-        return tensor(mesh, kappa)
-    return _checked(mesh, kappa, "kappa", zero=False)
-
-
-def nonnegative(mesh: Mesh, reaction: Field) -> Field:
-    """Check that the reaction is not negative, and return it as :func:`positive` does."""
-    return _checked(mesh, reaction, "reaction", zero=True)
-
-
-def _checked(mesh: Mesh, field: Field, name: str, *, zero: bool) -> Field:
-    """Return cell values ``(n_cells,)`` or a callable of checked values, 0 only if ``zero``."""
-    required = "must not be negative" if zero else "must be positive"
-
-    def worst_of(values: Float) -> int | None:
-        worst = int(np.argmin(values))
-        return worst if values[worst] < 0 or (values[worst] == 0 and not zero) else None
-
-    if callable(field):
-
-        def checked(points: Float) -> Float:
-            values = sample(field, points, name)
-            worst = worst_of(values)
-            if worst is not None:
-                raise OptionError(f"{name} {required}: it is {values[worst]} at {points[worst].tolist()}")
-            return values
-
-        return checked
-    values = per_cell(field, mesh.n_cells, name)
-    worst = worst_of(values)
-    if worst is not None:
-        raise OptionError(f"{name} {required}: it is {values[worst]} in cell {worst}")
-    return values
+from agglo_polydg_mg.space.quadrature import weighted_moments
 
 
 def cell_means(mesh: Mesh, field: Field | Tensor, name: str = "kappa") -> Float:
@@ -65,11 +27,6 @@ def cell_means(mesh: Mesh, field: Field | Tensor, name: str = "kappa") -> Float:
     boxes = np.tile(unit, (mesh.n_cells, 1))
     integrals = weighted_moments(mesh, field, boxes, 0, name)[:, 0]
     return frozen_float(2.0 ** (0.5 * mesh.dim) * integrals / mesh.cell_measures)  # L₀ = √½
-
-
-def is_zero(field: Field) -> bool:
-    """Return True for data that are 0 without evaluation: a number or an array."""
-    return not callable(field) and not np.any(field)
 
 
 def reaction_blocks(basis: Basis, reaction: Field) -> Float | None:

@@ -12,10 +12,11 @@ from typing import Any, Final
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Float, Int, Mesh, OptionError, frozen_float, frozen_int
+from agglo_core.fields.rules import inside
+from agglo_core.fields.values import sample
 from agglo_polydg_mg.forms.boundary import Boundary, rule_of
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.quadrature import inside, sample
 
 _NUMBERS: Final = 4_000_000  # numbers in an array of products at quadrature points
 

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.authoring import Field, Float, Int, Mesh, frozen_float, frozen_int
-from agglo_polydg_mg.space.gauss_points import gauss, simplex_rule
-from agglo_polydg_mg.space.quadrature import per_cell, sample
-from agglo_polydg_mg.space.solid_geometry import triangles_of_faces
-from agglo_polydg_mg.space.tensors import Tensor
+from agglo_core.fields.gauss_points import gauss, simplex_rule
+from agglo_core.fields.simplices import triangles_of_faces
+from agglo_core.fields.tensors import Tensor
+from agglo_core.fields.values import per_cell, sample
 
 _INTO = 1e-7  # shift into a cell, relative to the face size: more than rounding, less than any detail of κ
 

@@ -7,14 +7,15 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mesh, frozen_float, frozen_int
+from agglo_core.fields.boundary import boundary_values
+from agglo_core.fields.coefficients import positive
+from agglo_core.fields.tensors import Tensor
 from agglo_polydg_mg.forms.assembly import jump_penalty
-from agglo_polydg_mg.forms.boundary import boundary_faces, boundary_values, natural_values, robin_alpha
-from agglo_polydg_mg.forms.coefficients import positive
+from agglo_polydg_mg.forms.boundary import boundary_faces, natural_values, robin_alpha
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule, on_both_sides, on_pieces
 from agglo_polydg_mg.forms.norms import offset_of
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.tensors import Tensor
 
 _FACES = 10_000  # per batch: limits the memory for gradients of the basis at quadrature points
 
@@ -92,7 +93,9 @@ def _through_faces(state: _State, mesh: Mesh, sigma: Float) -> Float:
         jump[inner] -= others
         slope[inner] += slopes
         part = _part(rule, fixed)
-        g = boundary_values(mesh, boundary, state.problem.dirichlet, part.faces, part.points, "dirichlet")
+        g = boundary_values(
+            mesh, boundary.tags, state.problem.dirichlet, part.faces, part.points, "dirichlet"
+        )
         jump[fixed] -= g - state.offset[first[fixed], None]
         # 3. Weights of derivative and jump: γ/2 and γ inside, κ at the boundary
         mean = kappa[:, 0].copy()

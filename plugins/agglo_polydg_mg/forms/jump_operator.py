@@ -8,9 +8,9 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Field, Float, Int, frozen_float, frozen_int
+from agglo_core.fields.tensors import Tensor
 from agglo_polydg_mg.forms.face_quadrature import face_coefficients, face_rule, on_pieces
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.tensors import Tensor
 
 _MOST: Final = 20_000_000
 """Maximum number of stored entries: 240 MB."""

@@ -10,22 +10,24 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mask, Mesh, OptionError, frozen_int
+from agglo_core.fields.boundary import boundary_values
+from agglo_core.fields.coefficients import positive
+from agglo_core.fields.rules import Batch, inside
+from agglo_core.fields.tensors import Tensor
+from agglo_core.fields.values import sample
 from agglo_polydg_mg.forms.assembly import jump_penalty
 from agglo_polydg_mg.forms.boundary import (
     Boundary,
     RobinTerms,
     boundary_faces,
-    boundary_values,
     data_offset,
     robin_terms,
 )
-from agglo_polydg_mg.forms.coefficients import positive, reaction_blocks
+from agglo_polydg_mg.forms.coefficients import reaction_blocks
 from agglo_polydg_mg.forms.face_quadrature import face_coefficients, face_rule, on_pieces
 from agglo_polydg_mg.forms.jump_operator import JumpOperator, jump_operator
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty
 from agglo_polydg_mg.space.basis import Basis, stiffness
-from agglo_polydg_mg.space.quadrature import Batch, inside, sample
-from agglo_polydg_mg.space.tensors import Tensor
 
 # Faces per batch: limits the memory for the traces at their quadrature points (benchmarks/constants.py)
 _FACES = 20_000
@@ -70,7 +72,7 @@ class EnergyNorm:
 
     def _data(self, faces: Int, points: Float) -> Float:
         mesh, held = self.basis.mesh, self.problem.dirichlet
-        g = boundary_values(mesh, self._boundary, held, faces, points, "dirichlet")
+        g = boundary_values(mesh, self._boundary.tags, held, faces, points, "dirichlet")
         return g - self._offset[mesh.face_cells[faces, 0], None]
 
     @cached_property

@@ -11,15 +11,16 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, frozen_float
+from agglo_core.fields.gauss_points import gauss
+from agglo_core.fields.rules import inside
+from agglo_core.fields.tensors import Tensor
+from agglo_core.fields.values import sample
 from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.forms.face_quadrature import OnFaces
 from agglo_polydg_mg.forms.penalty import simplex_heights
 from agglo_polydg_mg.forms.side_sums import solid_requirements
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.gauss_points import gauss
-from agglo_polydg_mg.space.quadrature import inside, sample
-from agglo_polydg_mg.space.tensors import Tensor
 
 MARGIN = 0.25
 """Smallest eigenvalue of the matrix A relative to the square of the DG norm. A larger value gives larger

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.fields.gauss_points import simplex_rule
 from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.forms.face_quadrature import OnFaces
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.gauss_points import simplex_rule
 from agglo_polydg_mg.space.polynomials import monomials, orders
 
 

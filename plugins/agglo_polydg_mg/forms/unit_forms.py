@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from agglo_core.authoring import Field, Float, frozen_float
+from agglo_core.fields.gauss_points import gauss
 from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.space.basis import Basis, stiffness
-from agglo_polydg_mg.space.gauss_points import gauss
 
 NORMALS: Final = frozen_float(np.zeros((0, 2, 1, 2)))
 """Directions of kernels for scalar coefficients: fluxes along the normals of faces."""

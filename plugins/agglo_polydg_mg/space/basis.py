@@ -15,12 +15,13 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Field, Float, Int, Mesh, OptionError, frozen_float, frozen_int, solvers
+from agglo_core.fields.location import boxes_of_solids
+from agglo_core.fields.tensors import Tensor
+from agglo_core.fields.values import per_cell
 from agglo_core.threads import over_ranges
 from agglo_polydg_mg.forms.sides import Sides, sides_of
 from agglo_polydg_mg.space.polynomials import legendre, n_polynomials, orders, products, slopes
-from agglo_polydg_mg.space.quadrature import moments, per_cell, weighted_moments
-from agglo_polydg_mg.space.solid_geometry import boxes_of_solids
-from agglo_polydg_mg.space.tensors import Tensor
+from agglo_polydg_mg.space.quadrature import moments, weighted_moments
 from agglo_polydg_mg.space.walk import Walk, walk_through
 
 _FILL = 0.1
@@ -247,6 +248,15 @@ def stiffness(basis: Basis, kappa: Field | Tensor) -> Float:
     return products(along, basis.degree, once)
 
 
+def _entry_moments(basis: Basis, kappa: Tensor, row: int, column: int, degree: int) -> Float:
+    """Integrate an entry of a callable tensor times polynomials up to a degree over each cell ``(n, m)``."""
+
+    def entry(points: Float) -> Float:
+        return kappa.at(points, None)[:, row, column]
+
+    return weighted_moments(basis.mesh, entry, basis.boxes, degree, "kappa")
+
+
 def _tensor_stiffness(basis: Basis, kappa: Tensor) -> Float:
     dim, degree = basis.mesh.dim, 2 * basis.degree - 2
     # 1. Moments of the entries, along the axes of the boxes
@@ -255,7 +265,7 @@ def _tensor_stiffness(basis: Basis, kappa: Tensor) -> Float:
         unit = basis.weighted_moments(1.0, degree, "kappa")
         entries = {(i, j): unit * kappa.field[:, i, j, None] for i, j in pairs}
     else:
-        entries = {(i, j): kappa.moments(i, j, basis.boxes, degree) for i, j in pairs}
+        entries = {(i, j): _entry_moments(basis, kappa, i, j, degree) for i, j in pairs}
     if dim == 2:
         c, s = basis.boxes[:, 4:].T[:, :, None]
         xx, xy, yy = entries[0, 0], entries[0, 1], entries[1, 1]

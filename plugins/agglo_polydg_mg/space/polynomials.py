@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.authoring import Float, Int, frozen_float, frozen_int
+from agglo_core.fields.gauss_points import gauss
 from agglo_core.threads import over_ranges
-from agglo_polydg_mg.space.gauss_points import gauss
 
 
 def n_polynomials(degree: int, dim: int = 2) -> int:

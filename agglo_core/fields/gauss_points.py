@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from agglo_core.authoring import Float, frozen_float
+from agglo_core.arrays import Float, frozen_float
 
 
 @cache

@@ -7,8 +7,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglo_core.authoring import AggloError, Float, Mesh, OptionError, frozen_float
-from agglo_polydg_mg.space.quadrature import sample, weighted_moments
+from agglo_core.arrays import Float, frozen_float
+from agglo_core.errors import AggloError, OptionError
+from agglo_core.fields.values import sample
+from agglo_core.mesh import Mesh
 
 _SYMMETRIC: Final = 1e-12
 """Difference of mirrored entries, relative to the largest entry, that counts as rounding."""
@@ -44,14 +46,6 @@ class Tensor:
         if worst is not None:
             raise OptionError(f"{_refusal(values[worst])} at {points[worst].tolist()}")
         return values
-
-    def moments(self, row: int, column: int, boxes: Float, degree: int) -> Float:
-        """Integrate an entry of a callable times polynomials up to a degree over each cell ``(n, m)``."""
-
-        def entry(points: Float) -> Float:
-            return self.at(points, None)[:, row, column]
-
-        return weighted_moments(self.mesh, entry, boxes, degree, "kappa")
 
 
 def is_tensor(kappa: Any, mesh: Mesh) -> bool:

@@ -1,0 +1,90 @@
+"""Boundary faces of the elliptic problem by the kind of their data, and the data there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.errors import OptionError
+from agglo_core.fields.values import per_cell, sample
+from agglo_core.mesh import Mesh
+from agglo_core.problems import Diffusion, Field
+
+
+class BoundaryParts(NamedTuple):
+    """Parts of the domain boundary.
+
+    Attributes
+    ----------
+    tags : (n_faces,) int
+        Face tags.
+    dirichlet, natural : (k,) int
+        Faces with Dirichlet data, and other (Neumann or Robin) faces.
+    """
+
+    tags: Int
+    dirichlet: Int
+    natural: Int
+
+
+def boundary_parts(mesh: Mesh, problem: Diffusion) -> BoundaryParts:
+    """Return the boundary faces with and without Dirichlet data, and all face tags.
+
+    Without any data all boundary faces are Dirichlet faces, with value 0.
+
+    Raises
+    ------
+    OptionError
+        For an unknown face tag, or a value in two kinds of data or on no face.
+    """
+    # 1. Check the tags
+    tags = _tags(mesh, problem.boundary)
+    outer, kinds = mesh.face_cells[:, 1] < 0, mesh.boundary_kinds
+    on_boundary = kinds.tags.get(problem.boundary, np.zeros_like(kinds.component))
+    present = np.unique(on_boundary).tolist()
+    kinds_of_data = {"Dirichlet": problem.dirichlet, "Neumann": problem.neumann, "Robin": problem.robin}
+    for one, other in combinations(kinds_of_data, 2):
+        conflicts = sorted(set(kinds_of_data[one]) & set(kinds_of_data[other]))
+        if conflicts:
+            raise OptionError(
+                f"boundary tags {conflicts} have both {one} and {other} data: give only one of them"
+            )
+    unknown = sorted({*problem.dirichlet, *problem.neumann, *problem.robin} - set(present))
+    if unknown:
+        raise OptionError(f"no boundary face has the tag {unknown[0]}; the boundary has the tags {present}")
+    # 2. Split the boundary faces
+    data = problem.dirichlet or problem.neumann or problem.robin
+    dirichlet = outer & np.isin(tags, list(problem.dirichlet)) if data else outer
+    natural = outer & ~dirichlet
+    sets = frozen_int(np.flatnonzero(dirichlet)), frozen_int(np.flatnonzero(natural))
+    return BoundaryParts(tags, *sets)
+
+
+def _tags(mesh: Mesh, name: str) -> Int:
+    """Return the values of the face tag ``name``, all 0 if the default tag is absent."""
+    if name in mesh.face_tags:
+        return mesh.face_tags[name]
+    if name != Diffusion.boundary:
+        known = ", ".join(mesh.face_tags) or "none"
+        raise OptionError(f"the mesh has no face tag {name!r} for the boundary; it has: {known}")
+    return frozen_int(np.zeros(mesh.n_faces))
+
+
+def boundary_values(
+    mesh: Mesh, tags: Int, data: Mapping[int, Field], faces: Int, points: Float, name: str
+) -> Float:
+    """Evaluate boundary data ``(t, q)`` at ``points (t, q, d)`` on ``faces (t,)``, 0 without data."""
+    values = np.zeros(points.shape[:2])
+    for tag, field in data.items():
+        on = tags[faces] == tag
+        if callable(field):
+            given = sample(field, points[on].reshape(-1, mesh.dim) + mesh.origin, f"{name} of tag {tag}")
+            values[on] = given.reshape(-1, points.shape[1])
+        else:
+            cells = per_cell(field, mesh.n_cells, f"{name} of tag {tag}")
+            values[on] = cells[mesh.face_cells[faces[on], 0], None]
+    return values

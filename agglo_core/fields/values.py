@@ -1,0 +1,62 @@
+"""Values of coefficients and data on cells and at points, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from agglo_core.arrays import Float, frozen_float
+from agglo_core.errors import AggloError, MeshError, OptionError
+
+
+def per_cell(field: float | Float, n: int, name: str) -> Float:
+    """Convert a number or an array of cell values to finite cell values ``(n,)``.
+
+    Raises
+    ------
+    OptionError
+        For anything else; the message names the field.
+    """
+    try:
+        values = frozen_float(field)
+    except MeshError as error:
+        raise OptionError(
+            f"{name} must be a number, ({n},) values or a callable; given {field!r:.60} ({error})"
+        ) from None
+    if values.shape not in ((), (n,)):
+        raise OptionError(f"{name} has shape {values.shape}: expected a number, ({n},) values or a callable")
+    _require_finite(values, name)
+    return np.broadcast_to(values, (n,))
+
+
+def sample(field: Callable[[Float], Float], points: Float, name: str, shape: tuple[int, ...] = ()) -> Float:
+    """Evaluate a callable at ``points (q, d)`` in user coordinates, and check the values ``(q, *shape)``.
+
+    Raises
+    ------
+    OptionError
+        If the callable fails, or its values are not numbers, have another shape, or are not finite.
+    """
+    try:
+        returned = field(points)
+    except AggloError:
+        raise
+    except Exception as error:  # a user's callable may raise any exception
+        raise OptionError(
+            f"{name} failed for {len(points)} points of shape {points.shape}: {type(error).__name__}: {error}"
+        ) from error
+    try:
+        values = frozen_float(returned)
+    except MeshError as error:
+        raise OptionError(f"{name} did not return real numbers for {len(points)} points: {error}") from None
+    if values.shape not in (shape, (len(points), *shape)):
+        raise OptionError(f"{name} returned shape {values.shape} for {len(points)} points")
+    _require_finite(values, name)
+    return np.broadcast_to(values, (len(points), *shape))
+
+
+def _require_finite(values: Float, name: str) -> None:
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        raise OptionError(f"{name} is {values.flat[bad[0]]} (value {bad[0]} of {values.size}), not finite")
