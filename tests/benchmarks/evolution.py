@@ -9,8 +9,8 @@ The reaction is explicit, so all steps have one matrix (with BDF2 two). One thre
 the first ten, ``ms`` the CPU milliseconds of these steps, with the reaction, whose time is ``react``. PyAMG
 is smoothed aggregation with the constants, or with linear functions (PyAMG 1), in conjugate gradients that
 start from the best combination of eight earlier solutions, with agglo's stopping test, as polydg_mg. The
-solver ``direct`` (superlu, pardiso) solves twice per step, once to estimate the error; "superlu 1" and
-"pardiso 1" solve once and test nothing. PARDISO and PyAMG are omitted if not installed.
+solver ``direct`` (superlu, pardiso) solves once per step and bounds the error by the residual; "superlu 1"
+and "pardiso 1" test nothing. PARDISO and PyAMG are omitted if not installed.
 """
 
 from __future__ import annotations

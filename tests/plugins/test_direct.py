@@ -6,6 +6,7 @@ import gc
 import json
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -240,6 +241,50 @@ def test_a_rough_factorisation_is_refined(monkeypatch: pytest.MonkeyPatch) -> No
         e = it.x - wanted
         error = np.sqrt(e @ (it.A @ e) / (wanted @ it.b))
         assert it.energy_error == pytest.approx(error, rel=0.1)
+
+
+@pytest.mark.parametrize("factorise", [superlu, rough])
+def test_factors_in_use_again_take_one_solve_and_bound_the_error(
+    monkeypatch: pytest.MonkeyPatch, factorise: Callable[[object], Callable[[object], object]]
+) -> None:
+    calls: list[int] = []
+
+    def counted(A: object) -> Callable[[object], object]:
+        solves = factorise(A)
+        return lambda b: (calls.append(1), solves(b))[1]
+
+    monkeypatch.setattr("agglo_core.solvers.direct.BACKENDS", {"superlu": counted})
+    mesh = samples.voronoi(200, seed=4)
+    problem = Diffusion(10 ** RNG(5).uniform(-1, 1, mesh.n_cells), reaction=100.0)
+    steps = Direct(2, 1e-6, 99, backend="superlu").repeated(agglomerate(mesh, n_parts=6))
+    counts, sharpness = [], []
+    for k in range(6):
+        load = RNG(k).standard_normal(6 * mesh.n_cells) if k else np.zeros(6 * mesh.n_cells)
+        calls.clear()
+        it = steps.solve_again(load) if k else steps.solve(problem)
+        counts.append(len(calls))
+        assert it.converged
+        e = it.x - spsolve(sparse.csc_array(it.A), it.b)
+        sharpness.append(it.energy_error / np.sqrt(e @ (it.A @ e) / (it.x @ it.b)))
+    if factorise is superlu:
+        assert counts == [2, 5, 1, 1, 1, 1]  # with four inverse iterations
+        assert min(sharpness) > 1.0
+    else:  # every answer needs refinement, and a solve that estimates its error
+        assert min(counts) > 2
+        assert min(sharpness) > 0.5
+
+
+def test_factors_of_a_matrix_that_is_not_definite_are_used_again() -> None:
+    mesh = samples.squares(5)
+    A = sparse.csr_array(mesh.graph.to_scipy() * np.sqrt(2.0) - 1.3 * sparse.eye_array(25))
+    for sign in (1.0, -1.0):
+        steps = Direct(backend="superlu").repeated(agglomerate(mesh, n_parts=4))
+        for k in range(3):
+            b = RNG(k).standard_normal(25)
+            it = steps.solve(Linear(sign * A, b, np.arange(26)))
+            assert it.converged
+            assert it.x == pytest.approx(np.linalg.solve(sign * A.toarray(), b))
+        assert steps.setups == 1
 
 
 def test_a_singular_matrix_is_flagged() -> None:
