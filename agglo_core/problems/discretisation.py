@@ -51,8 +51,10 @@ class Samples:
         Triangles or tetrahedra by point numbers, each within one cell.
     values : (q,) or (q, d) float
         Numbers, or vectors such as displacements.
-    gradients : (t, d) float, optional
-        Gradient at the centroid of each simplex, written to files.
+    gradients : (t, d) or (t, d, d) float, optional
+        Gradient at the centroid of each simplex, for vectors ∂u_i/∂x_j; written to files.
+    stresses : (t, 3, 3) float, optional
+        Stress at the centroid of each simplex, written to files.
     """
 
     cells: Int
@@ -60,6 +62,7 @@ class Samples:
     simplices: Int
     values: Float
     gradients: Float | None = None
+    stresses: Float | None = None
 
     @property
     def sizes(self) -> Float:
@@ -135,7 +138,10 @@ class Discretisation(Protocol):
 
     Optional methods:
 
-    - ``gradient(mesh, x, points)``: gradients ``(q, d)`` at points, NaN outside the mesh;
+    - ``gradient(mesh, x, points=None)``: gradients ``(q, d)`` at points, NaN outside the mesh, or means over
+      the cells; ``(q, d, d)`` for vectors;
+    - ``locate(mesh, points)``: cells ``(q,)`` in which ``gradient`` evaluates, −1 outside the mesh;
+    - ``integrals(mesh, x)``: integrals over the cells ``(n_cells,)``, or ``(n_cells, d)`` for vectors;
     - ``fluxes(problem, mesh, x)``: flux through each face ``(n_faces,)``, outward of its first cell; the
       fluxes out of a cell sum to the integral of its source, if x solves the system;
     - ``mass(mesh)``: mass matrix M ``(n, n)``; xᵀ M y is the integral of the product of two functions;

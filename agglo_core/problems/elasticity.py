@@ -29,7 +29,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from agglo_core.arrays import Float, exact_cast, frozen_float, plain_array
+from agglo_core.arrays import Float, Int, exact_cast, frozen_float, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.problems.table import (
@@ -182,6 +182,38 @@ class Elasticity:
         _require("poisson must lie between -1 and 0.5, both excluded", (nu > -1.0) & (nu < 0.5), nu)
         mu = young / (2.0 * (1.0 + nu))
         return frozen_float(2.0 * mu * nu / (1.0 - 2.0 * nu)), frozen_float(mu)
+
+    def stress(self, gradients: Float, cells: Int, n_cells: int) -> Float:
+        """Return the stresses 2μ ε + λ (tr ε) I of displacement gradients, σ_zz of plane strain included.
+
+        Parameters
+        ----------
+        gradients : (q, d, d) float
+            ∂u_i/∂x_j.
+        cells : (q,) int
+            Cell of each gradient.
+        n_cells : int
+            Number of cells of the mesh.
+
+        Returns
+        -------
+        (q, 3, 3) float
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> stretched = np.array([[[0.1, 0.0], [0.0, 0.0]]])
+        >>> agglo.Elasticity(lame_lambda=2.0, lame_mu=1.0).stress(stretched, np.array([0]), 1).round(2)
+        array([[[0.4, 0. , 0. ],
+                [0. , 0.2, 0. ],
+                [0. , 0. , 0.2]]])
+        """
+        lame, mu = (each[cells, None, None] for each in self.lame(n_cells))
+        dim = gradients.shape[1]
+        strain = np.zeros((len(gradients), 3, 3))
+        strain[:, :dim, :dim] = 0.5 * (gradients + gradients.transpose(0, 2, 1))
+        trace = np.trace(strain, axis1=1, axis2=2)[:, None, None]
+        return frozen_float(2.0 * mu * strain + lame * trace * np.eye(3))
 
 
 def _require_numbers(name: str, value: Any) -> None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any, TypeVar
 
 import numpy as np
 
-from agglo_core.arrays import Float, frozen_float
+from agglo_core.arrays import Float, Mask, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import import_function
@@ -196,6 +196,8 @@ class Solution:
     def samples(self) -> Samples:
         """Return the solution as a function: its values at points in each cell, for plots and files.
 
+        Elasticity has stresses, too.
+
         Raises
         ------
         OptionError
@@ -208,7 +210,11 @@ class Solution:
         0.59
         """
         how, mesh = self._interpretation()
-        return how.sample(mesh, self.x)
+        samples, law = how.sample(mesh, self.x), getattr(self.problem, "stress", None)
+        if law is None or samples.gradients is None:
+            return samples
+        owners = samples.cells[samples.simplices[:, 0]]
+        return replace(samples, stresses=law(samples.gradients, owners, mesh.n_cells))
 
     def evaluate(self, points: Any) -> Float:
         """Return the values of the solution at points.
@@ -237,17 +243,18 @@ class Solution:
         how, mesh = self._interpretation()
         return how.evaluate(mesh, self.x, frozen_float(points))
 
-    def gradient(self, points: Any) -> Float:
-        """Return the gradient of the solution at points.
+    def gradient(self, points: Any = None) -> Float:
+        """Return the gradient of the solution at points, or its mean over each cell.
 
         Parameters
         ----------
-        points : (q, d) float
+        points : (q, d) float, optional
+            Default: means over the cells.
 
         Returns
         -------
-        (q, d) float
-            NaN outside the mesh. On a face, the cell with the lower number counts.
+        (q, d) or (q, d, d) float
+            For vectors ∂u_i/∂x_j. NaN outside the mesh. On a face, the cell with the lower number counts.
 
         Raises
         ------
@@ -261,7 +268,40 @@ class Solution:
         ((1, 2), array([[nan, nan]]))
         """
         gradient, mesh = self._optional("gradient")
-        return frozen_float(gradient(mesh, self.x, frozen_float(points)))
+        return frozen_float(gradient(mesh, self.x, None if points is None else frozen_float(points)))
+
+    def stress(self, points: Any = None) -> Float:
+        """Return the stress of a displacement at points, or its mean over each cell.
+
+        Parameters
+        ----------
+        points : (q, d) float, optional
+            Default: means over the cells.
+
+        Returns
+        -------
+        (q, 3, 3) float
+            In 2-D with the normal stress σ_zz of plane strain. NaN outside the mesh.
+
+        Raises
+        ------
+        OptionError
+            If the problem has no stress, or the solver does not interpret x.
+
+        Examples
+        --------
+        >>> mesh = agglo.samples.squares(8)
+        >>> solution = agglo.solve(mesh, agglo.Elasticity(force=(0.0, -1.0)))
+        >>> solution.stress([[0.5, 0.5]]).shape, solution.stress().shape
+        ((1, 3, 3), (64, 3, 3))
+        """
+        problem = self._known_problem()
+        if not hasattr(problem, "stress"):
+            raise OptionError(f"a problem of kind {problem.kind} has no stress, only a gradient")
+        locate, mesh = self._optional("locate")
+        gradients = self.gradient(points)
+        cells = np.arange(mesh.n_cells) if points is None else locate(mesh, frozen_float(points))
+        return frozen_float(problem.stress(gradients, frozen_int(cells), mesh.n_cells))
 
     def fluxes(self) -> Float:
         """Return the numerical flux −∫ κ ∂u/∂n through each face, outward of the face's first cell.
@@ -271,9 +311,12 @@ class Solution:
         faces. The fluxes out of a cell therefore sum to the integral of its source less reaction. With an
         iterative solver they do up to its residual: the smaller the tolerance, the better.
 
+        For elasticity it is the force ∫ σ(u)n on the first cell, n outward: forces on a cell balance its body
+        force.
+
         Returns
         -------
-        (n_faces,) float
+        (n_faces,) or (n_faces, d) float
             By the faces of the mesh. ``mesh.face_cells[f, 0]`` is the first cell of face f.
 
         Raises
@@ -291,8 +334,10 @@ class Solution:
         fluxes, mesh = self._optional("fluxes")
         return frozen_float(fluxes(self._known_problem(), mesh, self.x))
 
-    def integral(self, tag: str | None = None, value: int | None = None) -> float:
+    def integral(self, tag: str | None = None, value: int | None = None) -> Any:
         """Return the integral of the solution over the mesh, or over the cells with a value of a cell tag.
+
+        It is a number, or a vector ``(d,)`` for elasticity.
 
         Parameters
         ----------
@@ -312,9 +357,9 @@ class Solution:
         >>> round(solution.integral(), 3)
         0.281
         """
-        mass, mesh = self._optional("mass")
-        function = self._interpretation()[0].project(mesh, _indicator(mesh, tag, value))
-        return float(function @ (mass(mesh) @ self.x))
+        integrals, mesh = self._optional("integrals")
+        total = integrals(mesh, self.x)[_cells_with(mesh, tag, value)].sum(axis=0)
+        return total if np.ndim(total) else float(total)
 
     def errors(self) -> dict[str, float]:
         """Return norms of the error against the problem's exact solution, as printed by ``agglo solve``.
@@ -344,7 +389,9 @@ class Solution:
         return norms
 
     def write(self, path: str | PathLike[str]) -> None:
-        """Write solution and gradient for ParaView, sampled in every cell, as ``agglo solve -o`` does.
+        """Write solution, gradient and stress for ParaView, as ``agglo solve -o`` does.
+
+        They are sampled in every cell.
 
         Parameters
         ----------
@@ -372,7 +419,8 @@ class Solution:
         ----------
         path : path-like
             File with the suffix ``.vtu``. Cell data of its lines or polygons: ``flux``, ``flux_density``
-            (flux by face measure), ``first_cell``, ``second_cell`` (−1 outside), and the face tags.
+            (flux by face measure), for elasticity ``force`` and ``traction`` instead, ``first_cell``,
+            ``second_cell`` (−1 outside), and the face tags.
 
         Raises
         ------
@@ -472,10 +520,10 @@ class Solution:
         return html
 
 
-def _indicator(mesh: Mesh, tag: str | None, value: int | None) -> Float:
-    """Return the indicator function ``(n_cells,)`` of the cells with a tag value, or of all cells."""
+def _cells_with(mesh: Mesh, tag: str | None, value: int | None) -> Mask:
+    """Return the mask ``(n_cells,)`` of the cells with a tag value, or of all cells."""
     if tag is None and value is None:
-        return frozen_float(np.ones(mesh.n_cells))
+        return np.ones(mesh.n_cells, bool)
     if tag is None or value is None:
         raise OptionError(f"give a cell tag and its value, or neither; given tag {tag!r} and value {value!r}")
     if tag not in mesh.cell_tags:
@@ -483,7 +531,7 @@ def _indicator(mesh: Mesh, tag: str | None, value: int | None) -> Float:
     chosen = mesh.cell_tags[tag] == value
     if not np.any(chosen):
         raise OptionError(f"no cell has the value {value!r} of the tag {tag!r}")
-    return frozen_float(chosen)
+    return np.asarray(chosen)
 
 
 def _entries(A: Any) -> int:

@@ -57,7 +57,7 @@ def report(
         - ``grid_complexity``: unknowns of all levels divided by finest unknowns;
         - ``contraction``, ``asymptotic_contraction``: mean residual reduction factor per iteration,
           over all iterations and over the second half;
-        - ``integral``: integral of u over the mesh, None if the discretisation has no mass matrix;
+        - ``integral``: integral of u over the mesh, a list for vectors, None if the discretisation has none;
         - ``memory``, ``cpu_seconds``, ``choice``, ``advice``: as reported by the solver, or None or
           empty.
     """
@@ -103,10 +103,15 @@ def report(
     }
 
 
-def _integral(mesh: Mesh, solution: Solution, how: Discretisation | None) -> float | None:
-    if how is None or not hasattr(how, "mass"):
+def _integral(mesh: Mesh, solution: Solution, how: Discretisation | None) -> Any:
+    if how is None or not hasattr(how, "integrals"):
         return None
-    return float(how.project(mesh, 1.0) @ (how.mass(mesh) @ solution.x))
+    return how.integrals(mesh, solution.x).sum(axis=0).tolist()
+
+
+def _numbers(value: float | list[float]) -> str:
+    """Format a number, or a vector in parentheses."""
+    return f"({', '.join(f'{each:.8g}' for each in value)})" if isinstance(value, list) else f"{value:.8g}"
 
 
 def error_entries(norms: Mapping[str, float]) -> dict[str, float | None]:
@@ -184,10 +189,12 @@ def text(title: str, data: Mapping[str, Any], columns: int = _COLUMNS) -> str:
     lines.append(_state(data))
     if data["cg_iterations"] is not None:
         lines.append(f"plain conjugate gradients: {data['cg_iterations']} iterations")
-    integral = "" if data.get("integral") is None else f", integral of u {data['integral']:.8g}"
+    integral = "" if data.get("integral") is None else f", integral of u {_numbers(data['integral'])}"
     lines += [f"energy fᵀu {data['energy']:.8g}{integral}"]
-    outflow = [f"{tag}: {flux:.8g}" for tag, flux in data.get("boundary_fluxes", {}).items()]
-    lines += [f"flux out of the boundary with tag {', '.join(outflow)}"] if outflow else []
+    outflow = [f"{tag}: {_numbers(flux)}" for tag, flux in data.get("boundary_fluxes", {}).items()]
+    vectors = any(isinstance(flux, list) for flux in data.get("boundary_fluxes", {}).values())
+    title = "force on the boundary" if vectors else "flux out of the boundary"
+    lines += [f"{title} with tag {', '.join(outflow)}"] if outflow else []
     lines.append(_costs(data))
     errors = {
         name.removeprefix("error_").upper(): each for name, each in data.items() if name.startswith("error_")

@@ -40,6 +40,7 @@ from agglo_polydg_mg.forms.sides import with_straight_sides
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.solver.choose import choose
 from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.derivatives import cell_integrals
 from agglo_polydg_mg.space.sampling import evaluate, gradient, quadrature, samples_of
 
 Kept = tuple[Any, Float, EnergyNorm | None]
@@ -225,9 +226,13 @@ class PolyDG:
         """
         return evaluate(self.basis(mesh), x, points)
 
-    def gradient(self, mesh: Mesh, x: Float, points: Float) -> Float:
-        """Evaluate the gradient ``(q, d)`` of a discrete function at points, NaN outside the mesh."""
+    def gradient(self, mesh: Mesh, x: Float, points: Float | None = None) -> Float:
+        """Evaluate the gradient ``(q, d)`` at points, NaN outside the mesh, or average it over cells."""
         return gradient(self.basis(mesh), x, points)
+
+    def integrals(self, mesh: Mesh, x: Float) -> Float:
+        """Integrate a discrete function over each cell ``(n_cells,)``."""
+        return cell_integrals(self.basis(mesh), x)
 
     def fluxes(self, problem: Problem, mesh: Mesh, x: Float) -> Float:
         """Return the numerical flux through each face ``(n_faces,)``, outward of the face's first cell.

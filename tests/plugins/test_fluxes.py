@@ -1,4 +1,4 @@
-"""Gradients, integrals and fluxes of solutions: exact for polynomials, conservative on each cell."""
+"""Gradients, stresses, integrals and fluxes: exact for polynomials, conservative on each cell."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
 import agglo_core as agglo
-from agglo_core import Diffusion, Linear, Mesh, OptionError, samples
+from agglo_core import Diffusion, Elasticity, Linear, Mesh, OptionError, Solution, samples
 from agglo_core.errors import FileError
 from agglo_core.io.vtk.xml_read import parse
+from agglo_polydg_mg.elasticity.discretisation import PolyDGElasticity
 from agglo_polydg_mg.forms.coefficients import reaction_blocks
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.space.basis import block_diagonal
@@ -210,3 +211,137 @@ def test_files_hold_gradients_and_fluxes(tmp_path: Path) -> None:
     assert np.array_equal(faces["boundary"], mesh.face_tags["boundary"])
     with pytest.raises(FileError, match=r"written as \.vtu"):
         solution.write_fluxes(tmp_path / "f.csv")
+
+
+SLOPE = np.array([[2.0, -1.0, 0.5], [0.3, 1.0, -2.0], [0.7, 0.2, -0.4]])
+TAGS = (1, 2, 3)
+
+
+def linear(x: Array) -> Array:
+    """Displacement with the gradient SLOPE."""
+    return np.asarray(x @ SLOPE[: x.shape[1], : x.shape[1]].T)
+
+
+def curved(x: Array) -> Array:
+    """Vectors that no polynomial equals."""
+    return np.asarray(np.sin(x + x[:, ::-1] ** 2))
+
+
+def net_force(mesh: Mesh, forces: Array) -> Array:
+    """Sum of the forces on each cell."""
+    total = np.zeros((mesh.n_cells, mesh.dim))
+    first, second = mesh.face_cells.T
+    np.add.at(total, first, forces)
+    np.subtract.at(total, second[second >= 0], forces[second >= 0])
+    return total
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("name", MESHES)
+def test_forces_on_each_cell_balance_its_body_force(name: str, degree: int) -> None:
+    mesh = MESHES[name]
+    zero = (0.0,) * mesh.dim
+    jumping = 10.0 ** np.linspace(-3, 3, mesh.n_cells)
+    for problem in (
+        Elasticity(force=curved),
+        Elasticity(young=jumping, force=curved, displacement={1: zero}, traction={2: curved}),
+        Elasticity(poisson=0.45, displacement={1: curved, 3: zero}, traction={2: zero}),
+    ):
+        how = PolyDGElasticity(degree)
+        system = how.assemble(problem, mesh)
+        x = spsolve(system.A.tocsc(), system.b)
+        forces = how.fluxes(problem, mesh, x)
+        body = how.integrals(mesh, how.project(mesh, problem.force)) if problem.force else 0.0
+        assert forces.shape == (mesh.n_faces, mesh.dim)
+        assert np.abs(net_force(mesh, forces) + body).max() <= 1e-10 * np.abs(forces).max()
+
+
+def linear_solution(mesh: Mesh, **material: object) -> Solution:
+    problem = Elasticity(displacement=dict.fromkeys(TAGS, linear), **material)
+    return agglo.solve(mesh, problem, solver="direct", degree=1)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_linear_displacement_has_its_gradient_stress_and_forces(name: str) -> None:
+    mesh = MESHES[name]
+    solution, dim = linear_solution(mesh, lame_lambda=3.0, lame_mu=0.5), mesh.dim
+    slope = SLOPE[:dim, :dim]
+    inside = mesh.points.mean(axis=0)
+    points = np.array([inside, inside + 9.0])
+    expected = 0.5 * (slope + slope.T) + 3.0 * np.trace(slope) * np.eye(dim)
+    for values, exact in (
+        (solution.gradient(points), slope),
+        (solution.stress(points)[:, :dim, :dim], expected),
+    ):
+        np.testing.assert_allclose(values[0], exact, atol=1e-8)
+        assert np.isnan(values[1]).all()
+    stress = solution.stress()
+    np.testing.assert_allclose(
+        stress[:, 2, 2], expected[2, 2] if dim == 3 else 3.0 * np.trace(slope), atol=1e-8
+    )
+    np.testing.assert_allclose(solution.gradient(), np.tile(slope, (mesh.n_cells, 1, 1)), atol=1e-8)
+    forces = mesh.face_measures[:, None] * (mesh.face_normals @ expected)
+    np.testing.assert_allclose(solution.fluxes(), forces, atol=1e-9)
+    np.testing.assert_allclose(solution.evaluate(points[:1]), linear(points[:1]), atol=1e-9)
+
+
+def test_means_over_cells_are_those_of_the_quadrature() -> None:
+    mesh = samples.voronoi(40, seed=2)
+    scalar = agglo.registry.default().build("discretisation", "polydg", degree=3)
+    vector, rng = PolyDGElasticity(3), np.random.default_rng(0)
+    x = rng.normal(size=scalar.assemble(Diffusion(), mesh).n)
+    points, weights, values = scalar.quadrature(mesh)
+    cells = scalar.basis(mesh).mesh.n_cells  # points are inside their cells
+    owner = vector.locate(mesh, points)
+    integral = np.bincount(owner, weights * (values @ x), cells)
+    np.testing.assert_allclose(scalar.integrals(mesh, x), integral, atol=1e-11)
+    slopes = weights[:, None] * scalar.gradient(mesh, x, points)
+    means = np.stack([np.bincount(owner, s, cells) for s in slopes.T], axis=1) / mesh.cell_measures[:, None]
+    np.testing.assert_allclose(scalar.gradient(mesh, x), means, atol=1e-8 * np.abs(means).max())
+    both = np.stack((x.reshape(cells, -1), 2.0 * x.reshape(cells, -1)), axis=1).ravel()
+    np.testing.assert_allclose(vector.integrals(mesh, both), np.outer(integral, [1.0, 2.0]), atol=1e-11)
+    np.testing.assert_allclose(vector.gradient(mesh, both)[:, 1], 2.0 * scalar.gradient(mesh, x))
+    assert both @ (vector.mass(mesh) @ both) == pytest.approx(5.0 * (x @ (scalar.mass(mesh) @ x)))
+
+
+def test_integrals_are_vectors() -> None:
+    mesh = MESHES["voronoi"].with_tags(material=(np.arange(60) < 20).astype(int))
+    solution = linear_solution(mesh)
+    np.testing.assert_allclose(solution.integral(), linear(np.array([[0.5, 0.5]]))[0], atol=1e-10)
+    parts = [solution.integral("material", value) for value in (0, 1)]
+    np.testing.assert_allclose(sum(parts), solution.integral(), atol=1e-12)
+
+
+def test_given_tractions_are_those_of_their_faces() -> None:
+    mesh = MESHES["voronoi"]
+    problem = Elasticity(
+        displacement={1: (0.0, 0.0)}, traction={2: lambda x: np.stack((x[:, 1] ** 2, x[:, 1]), 1)}
+    )
+    solution = agglo.solve(mesh, problem, tolerance=1e-10)
+    forces, tags = solution.fluxes(), mesh.face_tags["boundary"]
+    np.testing.assert_allclose(forces[tags == 2].sum(axis=0), [1.0 / 3.0, 0.5], rtol=1e-12)
+    assert not forces[tags == 3].any()
+    np.testing.assert_allclose(forces[tags == 1].sum(axis=0), [-1.0 / 3.0, -0.5], rtol=1e-6)
+
+
+def test_files_hold_stresses_and_forces(tmp_path: Path) -> None:
+    mesh = MESHES["voronoi"]
+    solution = linear_solution(mesh)
+    solution.write(tmp_path / "u.vtu")
+    solution.write_fluxes(tmp_path / "f.vtu")
+    found, stress = arrays(tmp_path / "u.vtu"), solution.stress()[0]
+    np.testing.assert_allclose(found["stress"].reshape(-1, 3, 3)[0], stress, atol=1e-8)
+    np.testing.assert_allclose(found["gradient"].reshape(-1, 3, 3)[0, :2, :2], SLOPE[:2, :2], atol=1e-8)
+    xx, yy, zz, xy = stress[0, 0], stress[1, 1], stress[2, 2], stress[0, 1]
+    squares = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3.0 * xy**2
+    np.testing.assert_allclose(found["von_mises"], np.sqrt(squares), atol=1e-8)
+    faces = arrays(tmp_path / "f.vtu")
+    forces = faces["force"].reshape(-1, 3)
+    np.testing.assert_array_equal(forces[:, :2], solution.fluxes())
+    np.testing.assert_allclose(faces["traction"].reshape(-1, 3), forces / mesh.face_measures[:, None])
+
+
+def test_stress_belongs_to_elasticity() -> None:
+    solution = agglo.solve(samples.squares(3), Diffusion())
+    with pytest.raises(OptionError, match="diffusion has no stress"):
+        solution.stress()

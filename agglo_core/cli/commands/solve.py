@@ -311,7 +311,7 @@ def _write(
 
 def _write_fluxes(
     outputs: Outputs, path: Path, task: _Task, solution: Solution, progress: Listener | None
-) -> dict[int, float]:
+) -> dict[int, Any]:
     """Write the fluxes through all faces, and return those out of the boundary, by boundary tag."""
     import numpy as np
 
@@ -325,7 +325,7 @@ def _write_fluxes(
     tags = mesh.face_tags.get(getattr(task.posed.problem, "boundary", "boundary"))
     outer = np.flatnonzero(mesh.outer_faces)
     values = np.zeros(len(outer), int) if tags is None else tags[outer]
-    return {int(value): float(fluxes[outer[values == value]].sum()) for value in np.unique(values)}
+    return {int(value): fluxes[outer[values == value]].sum(axis=0).tolist() for value in np.unique(values)}
 
 
 def _hand_over(outputs: Outputs, path: Path, task: _Task, progress: Listener | None) -> None:

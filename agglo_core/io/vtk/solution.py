@@ -28,8 +28,8 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
     """Write a function, sampled cell by cell, to a ``.vtu`` file for ParaView and VTK.
 
     Cells share no points, so jumps are visible and holes are empty. Cell data: ``cell``, the cell number in
-    the mesh (``agglo_cell`` if a tag is called ``cell``), the mesh's cell tags, and ``gradient``, at the
-    centroid of each simplex, if the samples have gradients.
+    the mesh (``agglo_cell`` if a tag is called ``cell``), the mesh's cell tags, and what the samples have of
+    ``gradient``, ``stress`` and ``von_mises`` at the centroid of each simplex.
 
     Raises
     ------
@@ -49,8 +49,9 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
 def write_fluxes(path: str | PathLike[str], mesh: Mesh, fluxes: Float) -> None:
     """Write the faces of a mesh with the ``fluxes (n_faces,)`` through them to a ``.vtu`` file.
 
-    Cell data: ``flux``, ``flux_density`` (by face measure), ``first_cell``, ``second_cell`` (−1 outside), and
-    the mesh's face tags. Fluxes are outward of the first cell.
+    Cell data: ``flux``, ``flux_density`` (by face measure), for vectors ``force`` and ``traction`` instead,
+    ``first_cell``, ``second_cell`` (−1 outside), and the mesh's face tags. Fluxes are outward of the first
+    cell, and forces act on it.
 
     Raises
     ------
@@ -63,9 +64,10 @@ def write_fluxes(path: str | PathLike[str], mesh: Mesh, fluxes: Float) -> None:
     if path.suffix.lower() != ".vtu":
         raise FileError(f"{path}: fluxes can only be written as .vtu")
     first, second = mesh.face_cells.T
+    whole, density = ("flux", "flux_density") if fluxes.ndim == 1 else ("force", "traction")
     data = {
-        "flux": fluxes,
-        "flux_density": fluxes / mesh.face_measures,
+        whole: fluxes,
+        density: (fluxes.T / mesh.face_measures).T,
         "first_cell": first,
         "second_cell": second,
     }
@@ -107,6 +109,8 @@ def solution_piece(
     data: dict[str, NDArray[Any]] = {"cell": numbers}
     if samples.gradients is not None:
         data["gradient"] = samples.gradients
+    if samples.stresses is not None:
+        data |= {"stress": samples.stresses, "von_mises": _von_mises(samples.stresses)}
     data = under_free_names(data, cell_tags) | cell_tags
     n, corners = samples.simplices.shape
     cells: dict[str, NDArray[Any]] = {
@@ -115,3 +119,9 @@ def solution_piece(
         "types": np.full(n, _SIMPLICES[corners], np.uint8),
     }
     return Piece(samples.points, cells, {name: samples.values}, data, kind="solution")
+
+
+def _von_mises(stresses: Float) -> Float:
+    """Return the von Mises stress √(3/2) |dev σ| ``(n,)`` of ``stresses (n, 3, 3)``."""
+    mean = np.trace(stresses, axis1=1, axis2=2) / 3.0
+    return np.asarray(np.sqrt(1.5) * np.linalg.norm(stresses - mean[:, None, None] * np.eye(3), axis=(1, 2)))

@@ -45,7 +45,7 @@ class Piece(NamedTuple):
     cells : mapping
         ``connectivity``, ``offsets``, ``types``; with polyhedra also ``faces`` and ``faceoffsets``.
     point_data, cell_data : mapping
-        Numbers ``(n,)``, or vectors ``(n, d)``, to which 0 is added as the third component in 2-D.
+        Numbers ``(n,)``, vectors ``(n, d)`` or tensors ``(n, d, d)``; in 2-D they are padded with 0.
     derived : mapping
         More cell data, with the attribute ``mark``.
     mark : str
@@ -150,7 +150,10 @@ def stored_arrays(piece: Piece) -> Iterator[StoredArray]:
             tuples = f' NumberOfTuples="{len(values)}"' if section == "FieldData" else ""
             wide = section == "CellData" and name in piece.wide
             dtype = values.dtype.newbyteorder("<") if wide else _stored_type(values)
-            components = 3 if values.ndim == 2 else 1  # vectors
+            if values.ndim == 3:
+                more = 3 - values.shape[2]
+                values = np.pad(values, ((0, 0), (0, more), (0, more))).reshape(-1, 9)
+            components = 1 if values.ndim == 1 else 3 if values.shape[1] <= 3 else 9
             yield StoredArray(section, name, values, dtype, components, f"{tuples}{mark}")
     for (section, name), ids in zip(IDS.items(), (piece.point_ids, piece.cell_ids), strict=True):
         if ids is not None:

@@ -24,6 +24,7 @@ from agglo_core.authoring import (
     frozen_int,
     solvers,
 )
+from agglo_polydg_mg.elasticity.face_forces import face_forces
 from agglo_polydg_mg.elasticity.forms import matrix
 from agglo_polydg_mg.elasticity.loads import (
     displacement_load,
@@ -36,13 +37,15 @@ from agglo_polydg_mg.elasticity.norms import ElasticNorm, elastic_errors
 from agglo_polydg_mg.elasticity.penalty import elastic_penalty
 from agglo_polydg_mg.elasticity.vectors import (
     components,
-    evaluate_vectors,
     joined,
     rigid_motions,
-    vector_samples,
+    split,
+    vector_blocks,
 )
 from agglo_polydg_mg.forms.sides import with_straight_sides
-from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.basis import Basis, block_diagonal
+from agglo_polydg_mg.space.derivatives import cell_integrals
+from agglo_polydg_mg.space.sampling import evaluate, gradient, locate, samples_of
 
 
 class Assembled(NamedTuple):
@@ -192,15 +195,46 @@ class PolyDGElasticity:
                 values = np.asarray(function(points), float)
                 return np.repeat(values[:, None], dim, axis=1) if values.ndim == 1 else values
 
-        return joined(basis, [basis.project(each) for each in components(field, basis, "the function")])
+        return joined(basis, [basis.project(each) for each in components(field, mesh, "the function")])
 
     def evaluate(self, mesh: Mesh, x: Float, points: Float) -> Float:
         """Evaluate a displacement at points ``(q, d)``: values ``(q, d)``, NaN outside the mesh."""
-        return evaluate_vectors(self.basis(mesh), x, points)
+        basis = self.basis(mesh)
+        return evaluate(basis, split(basis, x), points)
+
+    def gradient(self, mesh: Mesh, x: Float, points: Float | None = None) -> Float:
+        """Evaluate the gradient ∂u_i/∂x_j ``(q, d, d)`` at points, or average it over cells."""
+        basis = self.basis(mesh)
+        return gradient(basis, split(basis, x), points)
+
+    def locate(self, mesh: Mesh, points: Float) -> Int:
+        """Find the cell ``(q,)`` of each point, as :meth:`evaluate` does, −1 outside the mesh."""
+        return locate(mesh, points)
+
+    def integrals(self, mesh: Mesh, x: Float) -> Float:
+        """Integrate the displacement over each cell: ``(n_cells, d)``."""
+        basis = self.basis(mesh)
+        return cell_integrals(basis, split(basis, x))
+
+    def fluxes(self, problem: Problem, mesh: Mesh, x: Float) -> Float:
+        """Return the force on the first cell of each face ``(n_faces, d)``.
+
+        See :func:`~agglo_polydg_mg.elasticity.face_forces.face_forces`.
+        """
+        elasticity, basis = _elasticity(problem), self.basis(mesh)
+        material = Material(*elasticity.lame(mesh.n_cells))
+        sigma = self._penalty(basis, material, elasticity)
+        return face_forces(basis, mesh, x, elasticity, material, sigma)
+
+    def mass(self, mesh: Mesh) -> Any:
+        """Return the mass matrix ``(n, n)``, with one block per cell."""
+        blocks = self.basis(mesh).mass_blocks
+        return block_diagonal(vector_blocks(blocks, mesh.dim))
 
     def sample(self, mesh: Mesh, x: Float) -> Samples:
         """Sample the displacement, with values ``(q, d)``, at points in each cell."""
-        return vector_samples(self.basis(mesh), x)
+        basis = self.basis(mesh)
+        return samples_of(basis, split(basis, x))
 
     def errors(self, problem: Problem, mesh: Mesh, x: Float) -> Mapping[str, float]:
         """Return the errors ``l2`` and ``energy``, or {} if the exact solution is unknown."""

@@ -12,9 +12,9 @@ from scipy import sparse
 
 from agglo_core.authoring import Float, Int, frozen_int
 from agglo_polydg_mg.elasticity.material import Material, along, face_weights
-from agglo_polydg_mg.elasticity.vectors import derivatives
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule
 from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.derivatives import derivatives
 
 _NUMBERS = 4_000_000  # per batch of faces: some tens of MB
 

@@ -73,16 +73,14 @@ def elastic_boundary(mesh: Mesh, problem: Elasticity) -> Boundary:
 
 
 def vector_data(
-    basis: Basis, boundary: Boundary, data: Mapping[int, VectorField], rule: FaceRule, name: str
+    mesh: Mesh, boundary: Boundary, data: Mapping[int, VectorField], rule: FaceRule, name: str
 ) -> Float:
     """Evaluate boundary data ``(t, q, d)`` at the points of a face rule, 0 without data."""
-    by_tag = {tag: components(field, basis, f"{name} of tag {tag}") for tag, field in data.items()}
+    by_tag = {tag: components(field, mesh, f"{name} of tag {tag}") for tag, field in data.items()}
     axes: list[dict[int, Field]] = [
-        {tag: each[axis] for tag, each in by_tag.items()} for axis in range(basis.mesh.dim)
+        {tag: each[axis] for tag, each in by_tag.items()} for axis in range(mesh.dim)
     ]
-    values = [
-        boundary_values(basis.mesh, boundary.tags, each, rule.faces, rule.points, name) for each in axes
-    ]
+    values = [boundary_values(mesh, boundary.tags, each, rule.faces, rule.points, name) for each in axes]
     return frozen_float(np.stack(values, axis=2))
 
 
@@ -98,8 +96,8 @@ def require_consistent(basis: Basis, problem: Elasticity) -> None:
     faces = boundary.dirichlet[~np.isin(boundary.tags[boundary.dirichlet], by_cell)]
     rule = face_rule(mesh, faces, basis.degree + 2)
     points = rule.points.reshape(-1, mesh.dim) + mesh.origin
-    g = vector_data(basis, boundary, problem.displacement, rule, "displacement").reshape(points.shape)
-    for axis, exact in enumerate(components(problem.exact, basis, "exact")):
+    g = vector_data(mesh, boundary, problem.displacement, rule, "displacement").reshape(points.shape)
+    for axis, exact in enumerate(components(problem.exact, mesh, "exact")):
         assert callable(exact)
         values = sample(exact, points, "exact")
         gaps = np.abs(values - g[:, axis])
@@ -119,11 +117,11 @@ def external_load(basis: Basis, problem: Elasticity, boundary: Boundary) -> Floa
     mesh = basis.mesh
     load = np.zeros((mesh.n_cells, mesh.dim, basis.n_local))
     if problem.force is not None:
-        for axis, force in enumerate(components(problem.force, basis, "force")):
+        for axis, force in enumerate(components(problem.force, mesh, "force")):
             load[:, axis] = basis.weighted_moments(force, basis.degree, "force") * basis.scale[:, None]
     if problem.traction:
         rule = face_rule(mesh, boundary.natural, basis.degree + 2)
-        g = vector_data(basis, boundary, problem.traction, rule, "traction")
+        g = vector_data(mesh, boundary, problem.traction, rule, "traction")
         _add_tests(basis, rule, g, load)
     return load
 
@@ -138,7 +136,7 @@ def displacement_load(
         return load
     rule = face_rule(mesh, boundary.dirichlet, basis.degree + 2)
     cells = frozen_int(mesh.face_cells[rule.faces, 0])
-    g = vector_data(basis, boundary, data, rule, "displacement")
+    g = vector_data(mesh, boundary, data, rule, "displacement")
     stiff = along(sigma[rule.faces, None] * material.acoustic[cells], rule.normals)
     _add_tests(basis, rule, g @ stiff, load)
     forces = tractions(basis, material, rule, cells)

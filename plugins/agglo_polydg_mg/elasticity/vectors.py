@@ -1,4 +1,4 @@
-"""Vector functions on a mesh: their components, derivatives, and rigid motions.
+"""Vector functions on a mesh: their components and rigid motions.
 
 Unknowns are ordered by cell, in a cell by component: component a of cell c has the coefficients
 ``x.reshape(n_cells, d, n_local)[c, a]``.
@@ -7,19 +7,16 @@ Unknowns are ordered by cell, in a cell by component: component a of cell c has 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from itertools import combinations
 
 import numpy as np
 
-from agglo_core.authoring import Field, Float, OptionError, Samples, VectorField, frozen_float
-from agglo_core.fields.gauss_points import gauss
+from agglo_core.authoring import Field, Float, Mesh, OptionError, VectorField, frozen_float
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.polynomials import legendre, orders, slopes
-from agglo_polydg_mg.space.sampling import evaluate, samples_of
+from agglo_polydg_mg.space.derivatives import directions
 
 
-def components(field: VectorField, basis: Basis, name: str) -> list[Field]:
+def components(field: VectorField, mesh: Mesh, name: str) -> list[Field]:
     """Return the components of a vector field, each a number, ``(n,)`` cell values or a callable.
 
     Raises
@@ -27,7 +24,7 @@ def components(field: VectorField, basis: Basis, name: str) -> list[Field]:
     OptionError
         For another shape; a callable's values are checked when it is called.
     """
-    dim, n = basis.mesh.dim, basis.mesh.n_cells
+    dim, n = mesh.dim, mesh.n_cells
     if callable(field):
         return [_component(field, axis, dim, name) for axis in range(dim)]
     values = frozen_float(field)
@@ -50,70 +47,26 @@ def _component(field: object, axis: int, dim: int, name: str) -> Field:
     return component
 
 
-def split(basis: Basis, x: Float) -> list[Float]:
-    """Return the coefficients ``(n,)`` of each component of the vector function ``x (d n,)``."""
+def split(basis: Basis, x: Float) -> Float:
+    """Return the coefficients ``(n_cells, d, n_local)`` of the vector function ``x (d n,)``."""
     dim = basis.mesh.dim
     if np.shape(x) != (dim * basis.n,):
         raise OptionError(
             f"the vector has shape {np.shape(x)}, but this space has ({dim * basis.n},) unknowns"
         )
-    parts = np.reshape(x, (basis.mesh.n_cells, dim, basis.n_local))
-    return [frozen_float(parts[:, axis].ravel()) for axis in range(dim)]
+    return np.reshape(x, (basis.mesh.n_cells, dim, basis.n_local))
+
+
+def vector_blocks(blocks: Float, dim: int) -> Float:
+    """Return cell matrices ``(n, d m, d m)`` that apply ``blocks (n, m, m)`` to each component."""
+    n, m, _ = blocks.shape
+    repeated = np.eye(dim)[None, :, None, :, None] * blocks[:, None, :, None, :]
+    return frozen_float(repeated.reshape(n, dim * m, dim * m))
 
 
 def joined(basis: Basis, parts: Sequence[Float]) -> Float:
     """Return the vector function ``(d n,)`` with the given components, the reverse of :func:`split`."""
     return frozen_float(np.stack([np.reshape(x, (-1, basis.n_local)) for x in parts], axis=1).ravel())
-
-
-def evaluate_vectors(basis: Basis, x: Float, points: Float) -> Float:
-    """Evaluate the vector function ``x (d n,)`` at points: values ``(q, d)``, NaN outside the mesh."""
-    return frozen_float(np.stack([evaluate(basis, part, points) for part in split(basis, x)], axis=1))
-
-
-def vector_samples(basis: Basis, x: Float) -> Samples:
-    """Sample the vector function ``x (d n,)`` in every cell, with values ``(q, d)``."""
-    first, *rest = split(basis, x)
-    found = samples_of(basis, first)
-    values = [found.values, *(basis.evaluate(part, found.cells, found.points) for part in rest)]
-    return Samples(found.cells, found.points, found.simplices, frozen_float(np.stack(values, axis=1)))
-
-
-@cache
-def _derivatives(degree: int, dim: int) -> Float:
-    """Return the matrices D ``(d, m, m)`` with ∂φ_k / ∂x̂_a = Σ_l D[a, l, k] φ_l in box coordinates."""
-    nodes, weights = gauss(degree + 1)
-    values = legendre(nodes, degree)
-    line = np.einsum("iq,kq,q->ik", values, slopes(values), weights)
-    powers = orders(degree, dim)
-    tables = [
-        np.prod(
-            [
-                (line if axis == other else np.eye(degree + 1))[
-                    powers[:, None, other], powers[None, :, other]
-                ]
-                for other in range(dim)
-            ],
-            axis=0,
-        )
-        for axis in range(dim)
-    ]
-    return frozen_float(tables)
-
-
-def _directions(basis: Basis) -> Float:
-    """Return the matrices R ``(n_cells, d, d)`` with ∂/∂x_i = Σ_a R[i, a] ∂/∂x̂_a in box coordinates."""
-    scaled = 1.0 / basis.halves
-    if basis.mesh.dim == 3:
-        return np.asarray(scaled[:, :, None] * np.eye(3))
-    c, s = basis.boxes[:, 4:].T
-    turned = np.stack((np.stack((c, -s), axis=1), np.stack((s, c), axis=1)), axis=1)
-    return np.asarray(turned * scaled[:, None, :])
-
-
-def derivatives(basis: Basis) -> Float:
-    """Return the matrices E ``(n_cells, d, m, m)`` with ∂φ_k / ∂x_i = Σ_l E[i, l, k] φ_l in each cell."""
-    return np.einsum("cia,alk->cilk", _directions(basis), _derivatives(basis.degree, basis.mesh.dim))
 
 
 def coordinates(basis: Basis) -> Float:
@@ -127,7 +80,7 @@ def coordinates(basis: Basis) -> Float:
     found = np.zeros((mesh.n_cells, dim, basis.n_local))
     constant = 2.0 ** (0.5 * dim) / basis.scale
     found[:, :, 0] = (basis.centres - 0.5 * (low + high)) * constant[:, None]
-    slope = np.linalg.inv(_directions(basis)).transpose(0, 2, 1)  # ∂x_i / ∂x̂_a
+    slope = np.linalg.inv(directions(basis)).transpose(0, 2, 1)  # ∂x_i / ∂x̂_a
     found[:, :, 1 : dim + 1] = slope * (constant / np.sqrt(3.0))[:, None, None]
     return np.asarray(found / (0.5 * (high - low).max()))
 

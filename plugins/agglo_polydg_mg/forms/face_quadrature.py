@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.authoring import Field, Float, Int, Mesh, frozen_float, frozen_int
+from agglo_core.authoring import Field, Float, Int, Mask, Mesh, frozen_float, frozen_int
 from agglo_core.fields.gauss_points import gauss, simplex_rule
 from agglo_core.fields.simplices import triangles_of_faces
 from agglo_core.fields.tensors import Tensor
@@ -34,6 +34,11 @@ class FaceRule(NamedTuple):
     points: Float
     weights: Float
     normals: Float
+
+    def part(self, pieces: Int | Mask) -> FaceRule:
+        """Return the rule on some of the pieces."""
+        faces, *rest = (each[pieces] for each in self)
+        return FaceRule(frozen_int(faces), *(frozen_float(each) for each in rest))
 
 
 def face_rule(mesh: Mesh, faces: Int, n: int) -> FaceRule:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +14,7 @@ from agglo_core.fields.coefficients import positive
 from agglo_core.fields.tensors import Tensor
 from agglo_polydg_mg.forms.assembly import jump_penalty
 from agglo_polydg_mg.forms.boundary import boundary_faces, natural_values, robin_alpha
-from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule, on_both_sides, on_pieces
+from agglo_polydg_mg.forms.face_quadrature import face_rule, on_both_sides, on_pieces
 from agglo_polydg_mg.forms.norms import offset_of
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.space.basis import Basis
@@ -39,22 +41,39 @@ def fluxes(basis: Basis, mesh: Mesh, x: Float, problem: Diffusion, penalty: Pena
     penalty : float, "paper" or "sharp"
         Jump penalty of the discretisation.
     """
-    # 1. Fluxes through the faces that the discretisation uses
     kappa = positive(basis.mesh, problem.kappa)
     sigma = jump_penalty(basis, kappa, penalty, boundary_faces(basis.mesh, problem).natural)
     offset = offset_of(basis, problem)
     state = _State(basis, basis.coefficients(x - basis.constants(offset)), offset, kappa, problem)
-    fluxes_of_sides = _through_faces(state, basis.mesh, sigma)
-    if basis.mesh is mesh:
-        return frozen_float(fluxes_of_sides)
+    return on_edges(basis.mesh, mesh, partial(_through_faces, state), sigma)
+
+
+def on_edges(merged: Mesh, mesh: Mesh, through: Callable[[Mesh, Float], Float], sigma: Float) -> Float:
+    """Return the fluxes ``(n_faces, ...)`` through the faces of a mesh, which sum to those of merged edges.
+
+    Parameters
+    ----------
+    merged : Mesh
+        The mesh after :func:`~agglo_polydg_mg.forms.sides.with_straight_sides`.
+    mesh : Mesh
+    through : callable
+        Returns the integrals of the flux over all faces of a mesh, for its jump penalties.
+    sigma : (n_merged_faces,) float
+        Jump penalty of the merged mesh.
+    """
+    # 1. Fluxes through the faces that the discretisation uses
+    of_sides = through(merged, sigma)
+    if merged is mesh:
+        return frozen_float(of_sides)
     # 2. Fluxes through the edges of merged edges, corrected so that quadrature errors do not alter the sum
-    assert basis.mesh.simplification is not None
-    side = basis.mesh.simplification.faces
-    values = _through_faces(state, mesh, sigma[side])
-    sign = np.where(mesh.face_cells[:, 0] == basis.mesh.face_cells[side, 0], 1.0, -1.0)
-    missing = fluxes_of_sides - np.bincount(side, sign * values)
+    assert merged.simplification is not None
+    side = merged.simplification.faces
+    values = through(mesh, frozen_float(sigma[side]))
+    sign = np.where(mesh.face_cells[:, 0] == merged.face_cells[side, 0], 1.0, -1.0)
     shares = mesh.face_measures / np.bincount(side, mesh.face_measures)[side]
-    return frozen_float(values + sign * shares * missing[side])
+    missing = of_sides.copy()
+    np.subtract.at(missing, side, (sign * values.T).T)
+    return frozen_float(values + (sign * shares * missing[side].T).T)
 
 
 class _State(NamedTuple):
@@ -92,7 +111,7 @@ def _through_faces(state: _State, mesh: Mesh, sigma: Float) -> Float:
         others, slopes = _traces(state, second[inner], points[inner], directions[inner, 1])
         jump[inner] -= others
         slope[inner] += slopes
-        part = _part(rule, fixed)
+        part = rule.part(frozen_int(fixed))
         g = boundary_values(
             mesh, boundary.tags, state.problem.dirichlet, part.faces, part.points, "dirichlet"
         )
@@ -104,22 +123,12 @@ def _through_faces(state: _State, mesh: Mesh, sigma: Float) -> Float:
         weight[inner] *= 2.0
         flux = weight * sigma[rule.faces, None] * jump - mean * slope
         # 4. Natural faces: α u − g
-        part = _part(rule, free)
+        part = rule.part(frozen_int(free))
         alpha = robin_alpha(mesh, boundary, state.problem, part)
         u = values[free] + state.offset[first[free], None]
         flux[free] = alpha * u - natural_values(mesh, boundary, state.problem, part)
         result += np.bincount(rule.faces, (rule.weights * flux).sum(axis=1), mesh.n_faces)
     return result
-
-
-def _part(rule: FaceRule, pieces: Int) -> FaceRule:
-    """Return the rule on some of the pieces."""
-    return FaceRule(
-        frozen_int(rule.faces[pieces]),
-        frozen_float(rule.points[pieces]),
-        frozen_float(rule.weights[pieces]),
-        frozen_float(rule.normals[pieces]),
-    )
 
 
 def _traces(state: _State, cells: Int, points: Float, directions: Float) -> tuple[Float, Float]:

@@ -188,21 +188,35 @@ class Basis:
         return np.stack((c * x + s * y, c * y - s * x)) / box[:, 2:4].T
 
     def evaluate(self, x: Float, cells: Int, points: Float) -> Float:
-        """Evaluate the function with coefficients ``x (n,)`` at points whose cells are known.
+        """Evaluate a function at points whose cells are known.
 
-        Returns values ``(q,)``; ``cells (q,)`` and ``points (q, d)`` are paired. Points are in user
-        coordinates, and need not lie in the cells.
+        Parameters
+        ----------
+        x : (n,) or (n_cells, ..., n_local) float
+            Coefficients of a function, or of several such as the components of a vector.
+        cells : (q,) int
+        points : (q, d) float
+            In user coordinates. They need not lie in the cells.
+
+        Returns
+        -------
+        (q, ...) float
         """
         values = self.values(cells, np.asarray(points, float) - self.mesh.origin)
-        return np.asarray(np.einsum("qk,qk->q", values, self.coefficients(x)[cells]))
+        return np.asarray(np.einsum("qk,q...k->q...", values, self.coefficients(x)[cells]))
 
     def gradient(self, x: Float, cells: Int, points: Float) -> Float:
-        """Evaluate the gradient ``(q, d)`` of the function with coefficients ``x``, as :meth:`evaluate`."""
+        """Evaluate gradients ``(q, ..., d)`` at points, with arguments as of :meth:`evaluate`."""
         slopes = self.gradients(cells, np.asarray(points, float) - self.mesh.origin)
-        return np.asarray(np.einsum("qdk,qk->qd", slopes, self.coefficients(x)[cells]))
+        return np.asarray(np.einsum("qdk,q...k->q...d", slopes, self.coefficients(x)[cells]))
 
     def coefficients(self, x: Float) -> Float:
-        """Return the vector ``x (n,)`` as ``(n_cells, n_local)``, or raise OptionError for a wrong length."""
+        """Return the vector ``x (n,)`` as ``(n_cells, n_local)``, or raise OptionError for a wrong length.
+
+        Coefficients ``(n_cells, ..., n_local)`` are returned unchanged.
+        """
+        if np.ndim(x) > 1 and (len(x), np.shape(x)[-1]) == (self.mesh.n_cells, self.n_local):
+            return x
         if np.shape(x) != (self.n,):
             raise OptionError(f"the vector has shape {np.shape(x)}, but this space has ({self.n},) unknowns")
         return np.reshape(x, (-1, self.n_local))

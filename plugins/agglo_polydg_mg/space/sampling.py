@@ -16,10 +16,11 @@ from agglo_core.fields.location import locate
 from agglo_core.fields.rules import inside
 from agglo_core.fields.sampling import sample_points
 from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.derivatives import mean_gradients
 
 
 def samples_of(basis: Basis, x: Float) -> Samples:
-    """Sample the function with coefficients ``x (n,)`` at points in every cell, for pictures.
+    """Sample a function at points in every cell, for pictures, with ``x`` as of :meth:`.Basis.evaluate`.
 
     Every cell is cut into simplices, and each simplex into pᵈ smaller simplices.
 
@@ -37,9 +38,9 @@ def samples_of(basis: Basis, x: Float) -> Samples:
 
 
 def evaluate(basis: Basis, x: Float, points: ArrayLike) -> Float:
-    """Evaluate the function with coefficients ``x (n,)`` at ``points (q, d)``.
+    """Evaluate a function at ``points (q, d)``, with ``x`` as of :meth:`.Basis.evaluate`.
 
-    Returns values ``(q,)``, NaN outside. On a face, where the function has two values, the cell with the
+    Returns values ``(q, ...)``, NaN outside. On a face, where the function has two values, the cell with the
     lower number counts.
 
     Raises
@@ -50,7 +51,7 @@ def evaluate(basis: Basis, x: Float, points: ArrayLike) -> Float:
     points = np.asarray(points, dtype=float)
     cells = locate(basis.mesh, points)
     found = cells >= 0
-    values = np.full(len(points), np.nan)
+    values = np.full((len(points), *basis.coefficients(x).shape[1:-1]), np.nan)
     values[found] = basis.evaluate(x, cells[found], points[found])
     return values
 
@@ -67,19 +68,21 @@ def quadrature(basis: Basis) -> Quadrature:
     return Quadrature(frozen_float(points + basis.mesh.origin), frozen_float(weights), at_points)
 
 
-def gradient(basis: Basis, x: Float, points: ArrayLike) -> Float:
+def gradient(basis: Basis, x: Float, points: ArrayLike | None) -> Float:
     """Evaluate the gradient of a function at ``points (q, d)``, in the cells that :func:`evaluate` uses.
 
-    Returns gradients ``(q, d)``, NaN outside.
+    Returns gradients ``(q, ..., d)``, NaN outside; without points the means over the cells.
 
     Raises
     ------
     OptionError
         For points with another shape.
     """
+    if points is None:
+        return mean_gradients(basis, x)
     points = np.asarray(points, dtype=float)
     cells = locate(basis.mesh, points)
     found = cells >= 0
-    slopes = np.full(points.shape, np.nan)
+    slopes = np.full((len(points), *basis.coefficients(x).shape[1:-1], basis.mesh.dim), np.nan)
     slopes[found] = basis.gradient(x, cells[found], points[found])
     return slopes
