@@ -205,7 +205,7 @@ class LevelStack:
     def __repr__(self) -> str:
         return repr(self.table)
 
-    @property
+    @cached_property
     def memory(self) -> int:
         """Memory of matrices and smoothers in bytes, with each array counted once."""
         sizes: dict[int, int] = {}

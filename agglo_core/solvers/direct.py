@@ -24,6 +24,7 @@ from agglo_core.solvers.backends import AUTO, BACKENDS, GENERAL_BACKENDS, Solves
 from agglo_core.solvers.fine_system import FineSystem, discretisation, fine_system, may_be_nonsymmetric
 from agglo_core.solvers.option_checks import require_count, require_fraction, show_options
 from agglo_core.solvers.stopwatch import Stopwatch
+from agglo_core.threads import one_blas_thread
 
 Bound = Callable[[Float], float]
 """Maps a residual ``(n,)`` to a bound on the energy norm of the error."""
@@ -246,23 +247,26 @@ def _solve_and_refine(
 ) -> History:
     """Solve, then refine at most ``most`` times until residual and error are within the tolerance."""
     b = fine.b
-    x, residuals = np.zeros(len(b)), [two_norm(b)]
-    size, error, energy = (fine.measure(b), np.inf, True) if b.any() else (0.0, 0.0, True)
+    x = np.zeros(len(b))
+    with one_blas_thread():
+        residuals = [two_norm(b)]
+        size, error, energy = (fine.measure(b), np.inf, True) if b.any() else (0.0, 0.0, True)
     correction = solves(b)
     while not (size <= tolerance and error <= tolerance) and len(residuals) <= most + 1:
         # Refinement: add corrections as long as the residual decreases.
         better = x + correction
         if not np.isfinite(better).all():
             raise np.linalg.LinAlgError("the factorisation broke down: the matrix is singular, or nearly so")
-        r = b - fine.A @ better
-        new_size = fine.measure(r)
-        if not new_size < size:
-            break
-        x, size = better, new_size
-        residuals.append(two_norm(r))
-        # Error: by the bound if that suffices, else by a solve.
-        if bound is not None and b @ x >= 0.0:
-            error = size_ratio(bound(r), fine.measure.energy(x))
+        with one_blas_thread():  # vectors are too short for several
+            r = b - fine.A @ better
+            new_size = fine.measure(r)
+            if not new_size < size:
+                break
+            x, size = better, new_size
+            residuals.append(two_norm(r))
+            # Error: by the bound if that suffices, else by a solve.
+            if bound is not None and b @ x >= 0.0:
+                error = size_ratio(bound(r), fine.measure.energy(x))
         if not (size <= tolerance and error <= tolerance):
             correction = solves(r)
             error, energy = _error(fine, x, r, correction, has_energy)

@@ -19,6 +19,7 @@ from agglo_core.problems.residuals.row_scales import lifted, penalised_rows, row
 from agglo_core.problems.residuals.sizes import Measure, energy_of_solution
 from agglo_core.progress import Tell, to_nobody
 from agglo_core.suggestions import suggest_keywords
+from agglo_core.threads import one_blas_thread
 
 
 @suggest_keywords()
@@ -194,16 +195,19 @@ def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
     products = {"A": _product("A", fast_product(A)), "M": _product("M", M), "|A|": sizes}
     running: list[tuple[Column, Steps, Any]] = [(column, column.run(), None) for column in columns]
     # In each round, collect the requests of all columns, and answer them by operator.
-    while running:
-        requests = [(column, steps, *_next_request(steps, answer)) for column, steps, answer in running]
-        running = []
-        for kind, product in products.items():
-            group = [entry for entry in requests if entry[2] == kind]
-            answers = product([entry[3] for entry in group]) if group else []
-            running += [(entry[0], entry[1], answer) for entry, answer in zip(group, answers, strict=True)]
-        if running:
-            slowest = max((entry[0] for entry in running), key=lambda column: column.size)
-            tell(*iterated(slowest.done, slowest.size, slowest.rules.tolerance))
+    with one_blas_thread():  # vectors are too short for several
+        while running:
+            requests = [(column, steps, *_next_request(steps, answer)) for column, steps, answer in running]
+            running = []
+            for kind, product in products.items():
+                group = [entry for entry in requests if entry[2] == kind]
+                answers = product([entry[3] for entry in group]) if group else []
+                running += [
+                    (entry[0], entry[1], answer) for entry, answer in zip(group, answers, strict=True)
+                ]
+            if running:
+                slowest = max((entry[0] for entry in running), key=lambda column: column.size)
+                tell(*iterated(slowest.done, slowest.size, slowest.rules.tolerance))
 
 
 def _next_request(steps: Steps, answer: Any) -> Request | tuple[None, None]:

@@ -87,10 +87,14 @@ class DiffusionTask:
         """Discretise the problem on a mesh."""
         return self._how.fine_system(self.problem, mesh, self.basis, units, kept)
 
-    def with_load(self, load: Float) -> DiffusionTask:
-        """Return the task with ``load (n,)``, in the user's numbering, added to the right-hand side."""
+    def with_load(self, load: Float, plan: Plan | None = None) -> DiffusionTask:
+        """Return the task with ``load (n,)``, in the user's numbering, added to the right-hand side.
+
+        A ``plan`` describes existing levels.
+        """
         task = copy(self)
         task.fine = self.fine.with_load(self.numbering.load(load))
+        task._plan = plan or self._plan
         return task
 
     @property

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,12 @@ class Numbering:
         """The hierarchy's mesh, in this numbering."""
         assert self.hierarchy.fine is not None  # numbering_for excludes bare graphs
         return self.hierarchy.fine
+
+    @cached_property
+    def _places(self) -> Int:
+        """Number in this numbering for each of the user's cells."""
+        assert self.cells is not None
+        return frozen_int(np.argsort(self.cells))
 
     @property
     def remark(self) -> str:
@@ -141,9 +147,8 @@ class Numbering:
 
     def _rows(self, n: int) -> Int:
         """Return the index in this numbering for each of the user's ``n`` unknowns."""
-        assert self.cells is not None
-        width = n // len(self.cells)
-        first = width * np.argsort(self.cells)
+        width = n // len(self._places)
+        first = width * self._places
         return frozen_int((first[:, None] + np.arange(width)).ravel())
 
 

@@ -20,6 +20,7 @@ from agglo_core.authoring import (
     phase,
     solvers,
 )
+from agglo_core.threads import one_blas_thread
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.choose import Overrides, Plan
@@ -89,6 +90,7 @@ class RepeatedSolves:
         self._tolerance, self._most = tolerance, most
         self._kept: Any = None
         self._diagonal: Any = None  # of the matrix of the levels
+        self._fitting: Any = None  # last matrix for which the levels were found to fit
         self._usual: float | None = None  # iterations from 0 with fresh levels
         self._pause = self._paused = (
             0  # solves with own levels after reused levels failed: number, and remaining
@@ -133,7 +135,7 @@ class RepeatedSolves:
             raise OptionError("no problem has been solved yet: call solve first")
         watch = solvers.Stopwatch()
         with watch("assemble"):
-            task = _with_load(self._task, load)
+            task = _with_load(self._task, load, self._plan if self._kept else None)
         return self._solve(task, watch, progress)
 
     def _solve(self, task: Task, watch: solvers.Stopwatch, progress: Listener | None) -> Solution:
@@ -144,7 +146,7 @@ class RepeatedSolves:
         # 2. Drop levels and solutions that do not fit this system
         if type(task) is not self._kind:  # other numbering, or other levels
             self._kept, self._earlier, self._kind = None, [], type(task)
-        if self._kept is not None and not self._fits(task.A.diagonal()):
+        if self._kept is not None and not self._fits(task.A):
             self._kept = None
         # 3. Iterate
         try:
@@ -180,12 +182,17 @@ class RepeatedSolves:
             histories = self._iterate(task, self._most, histories, watch, progress)
         return histories
 
-    def _fits(self, diagonal: Float) -> bool:
-        """Return True if the kept levels belong to a similar matrix, judged by its diagonal ``(n,)``."""
+    def _fits(self, A: Any) -> bool:
+        """Return True if the kept levels belong to a similar matrix, judged by its diagonal."""
+        if A is self._fitting:
+            return True
+        diagonal = A.diagonal()
         if diagonal.shape != self._diagonal.shape:
             return False
         ratio = diagonal / self._diagonal
-        return bool(ratio.max() <= _CHANGED * ratio.min())
+        fits = bool(ratio.max() <= _CHANGED * ratio.min())
+        self._fitting = A if fits else None
+        return fits
 
     def _started(self, task: Task, watch: solvers.Stopwatch) -> list[History] | None:
         """Return initial guesses as histories without iterations, or None without earlier solutions."""
@@ -193,7 +200,7 @@ class RepeatedSolves:
         if not self._earlier or [item.shape for item in self._earlier[-1]] != [b.shape for b in columns]:
             self._earlier = []
             return None
-        with watch("solve"):
+        with watch("solve"), one_blas_thread():  # the vectors are too short for several
             starts = [
                 _not_worse_than_zero(
                     task.A, b, best_combination(task.A, b, [item[j] for item in self._earlier])
@@ -212,6 +219,7 @@ class RepeatedSolves:
     ) -> None:
         self._kept = None  # frees the old levels before the new ones are built
         self._kept, self._diagonal = set_up(task, watch, progress, title), task.A.diagonal()
+        self._fitting = task.A
         self._plan = task.plan if isinstance(task, DiffusionTask) else None
         self.setups, self._usual = self.setups + 1, None
         self._before = [each.iterations for each in before or ()]
@@ -244,12 +252,12 @@ class RepeatedSolves:
             self._kept = None
 
 
-def _with_load(task: Task, load: Float | None) -> Task:
+def _with_load(task: Task, load: Float | None, plan: Plan | None = None) -> Task:
     if load is None:
         return task
     if not isinstance(task, DiffusionTask):
         raise OptionError("a load can be added only to discretised problems: alter b of the linear system")
-    return task.with_load(load)
+    return task.with_load(load, plan)
 
 
 def _not_worse_than_zero(A: Any, b: Float, x: Float) -> Float:
