@@ -149,6 +149,9 @@ class Discretisation(Protocol):
     - ``errors_in(problem, mesh, x, cells)``: norms as ``errors``, restricted to the cells in the mask
       ``cells (n_cells,)`` and to half of their faces to other cells. Over a partition of the mesh, the
       squares add up to those of ``errors``. On several ranks, each rank measures its own cells.
+    - ``fixed_unknowns(problem, mesh)``: unknowns ``(m,)`` that Dirichlet data fix; their rows and columns of
+      the matrix have the diagonal entry alone. Solvers subtract their values, and add no load to them.
+    - ``inner_unknowns(mesh)``: unknowns ``(n_cells, m)`` inside each cell, which solvers eliminate;
     - ``of_kind(kind)``: the discretisation for another kind of problem, with equal options. A solver then
       needs a single ``discretisation`` for all kinds that it accepts.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, ClassVar, Literal, cast
 
@@ -21,7 +21,7 @@ from agglo_core.progress import Listener, phase
 from agglo_core.registry import Registry
 from agglo_core.solvers.advice import Kind, advice_of_direct
 from agglo_core.solvers.backends import AUTO, BACKENDS, GENERAL_BACKENDS, Solves, choose_backend
-from agglo_core.solvers.fine_system import FineSystem, discretisation, fine_system, may_be_nonsymmetric
+from agglo_core.solvers.fine_system import FineSystem, chosen_discretisation, fine_system, may_be_nonsymmetric
 from agglo_core.solvers.option_checks import require_count, require_fraction, show_options
 from agglo_core.solvers.stopwatch import Stopwatch
 from agglo_core.threads import one_blas_thread
@@ -37,7 +37,7 @@ whose part in the eigenvector is below 1e-7: each iteration multiplies that part
 
 
 class Direct:
-    """Sparse direct solver for linear or PolyDG systems, with iterative refinement.
+    """Sparse direct solver for linear or discretised systems, with iterative refinement.
 
     The levels of the hierarchy are not used. An iteration is one solve with the factors, and the first nearly
     always suffices. The energy error is estimated by a further solve for the remaining residual. Factors
@@ -60,8 +60,10 @@ class Direct:
         Scale the basis by each cell's bounding box. The paper does not.
     backend : "auto", "pardiso", "cholmod" or "superlu"
         See :mod:`~agglo_core.solvers.backends`. Default: the first installed solver.
+    discretisation : str, tuple or object
+        Name of a discretisation, name with options, or an object.
     registry : Registry, optional
-        Registry with the discretisation ``polydg``. Default: the program's registry.
+        Registry with the discretisation. Default: the program's registry.
 
     Raises
     ------
@@ -81,15 +83,18 @@ class Direct:
         penalty: float | Literal["paper", "sharp"] = 10.0,
         scaled_basis: bool = False,
         backend: str = AUTO,
+        discretisation: str | tuple[str, Mapping[str, Any]] | Any = "polydg",
         *,
         registry: Registry | None = None,
     ) -> None:
         require_fraction("tolerance", tolerance)
         require_count("max_refinements", max_refinements, 0)
         choose_backend(backend)
-        self.discretisation = discretisation(
-            "polydg", registry, degree=degree, penalty=penalty, scaled_basis=scaled_basis
+        own, defaults = (
+            {"penalty": penalty, "scaled_basis": scaled_basis},
+            {"penalty": 10.0, "scaled_basis": False},
         )
+        self.discretisation = chosen_discretisation(discretisation, registry, degree, own, defaults)
         self.tolerance, self.max_refinements, self.backend = tolerance, max_refinements, backend
 
     def __repr__(self) -> str:
@@ -115,7 +120,8 @@ class Direct:
         """Return the kind of system for the advice: linear, or by the smoother that polydg_mg would use."""
         if isinstance(problem, Linear):
             return "linear"
-        return cast("Kind", discretisation_for(self.discretisation, problem).matrix_kind(problem, fine))
+        matrix_kind = getattr(discretisation_for(self.discretisation, problem), "matrix_kind", None)
+        return "linear" if matrix_kind is None else cast("Kind", matrix_kind(problem, fine))
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
         """Return the inverse ``(n, n)`` as an operator, also for several right-hand sides ``(n, k)`` at once.

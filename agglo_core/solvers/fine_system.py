@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.arrays import Float, Int, frozen_float
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
@@ -22,6 +22,8 @@ from agglo_core.problems.linear import general_system, require_cells, symmetric_
 from agglo_core.problems.residuals.row_scales import lifted, row_measure
 from agglo_core.registry import Registry, default
 from agglo_core.registry.construct import resolve
+from agglo_core.registry.options import is_named, name_and_options
+from agglo_core.solvers.condensation import Condensation
 from agglo_core.solvers.residual_measure import ResidualMeasure
 from agglo_core.solvers.scaling import factor_for, matrix_factor, unscaled, unscaled_matrix
 from agglo_core.solvers.stopwatch import Stopwatch
@@ -47,6 +49,8 @@ class FineSystem(NamedTuple):
     ``penalty (n_faces,)`` is the jump penalty before it was scaled by directions of a tensor coefficient.
     ``means``, if given, maps x to the vector that is subtracted from it, because the problem determines x
     only up to constants.
+    ``fixed`` are unknowns with the values of Dirichlet data, which take no load. ``condensed``, if given, is
+    the whole system of the problem: the unknowns of this system are its outer unknowns.
     """
 
     A: Any
@@ -61,6 +65,8 @@ class FineSystem(NamedTuple):
     matrix_factor: float = 1.0
     means: Callable[[Float], Float] | None = None
     penalty: Float | None = None
+    fixed: Int | None = None
+    condensed: Condensation | None = None
 
     def with_load(self, load: Float) -> FineSystem:
         """Return the system of a discretised problem with ``load (n,)`` added to the right-hand side.
@@ -78,11 +84,22 @@ class FineSystem(NamedTuple):
         if self.means is not None:
             raise OptionError("no load can be added where the solution is unique only up to a constant")
         load = np.asarray(load, dtype=np.float64)
-        if load.shape != self.b.shape or not np.isfinite(load).all():
-            raise OptionError(f"load must contain {self.b.shape} finite numbers, given shape {load.shape}")
+        shape = self.b.shape if self.condensed is None else self.condensed.b.shape
+        if load.shape != shape or not np.isfinite(load).all():
+            raise OptionError(f"load must contain {shape} finite numbers, given shape {load.shape}")
+        condensed = self.condensed
+        if condensed is not None:
+            before, condensed = condensed.load, condensed.with_load(load)
+            load = condensed.load - before
+        if self.fixed is not None:
+            load = load.copy()
+            load[self.fixed] = 0.0
         added = frozen_float(self.factor * load)
         b, full = frozen_float(self.b + added), frozen_float(self.full + added)
-        return self._replace(b=b, full=full, measure=self.measure.with_load(added))
+        measure = self.measure.with_load(added)
+        if measure.rows is not None:
+            measure = ResidualMeasure(b, rows=row_measure(self.A, b))
+        return self._replace(b=b, full=full, measure=measure, condensed=condensed)
 
     def solution(
         self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch, tolerance: float
@@ -98,6 +115,8 @@ class FineSystem(NamedTuple):
             x, full = frozen_float(x - means), frozen_float(full - A @ means)
             if lifting is not None:
                 lifting = replace(lifting, offset=frozen_float(lifting.offset - means))
+        if self.condensed is not None:
+            x, A, full, lifting = self.condensed.recover(x), self.condensed.A, self.condensed.b, None
         discretisation, mesh, problem = self.meaning or (None, None, None)
         return Solution(
             x=x,
@@ -149,6 +168,40 @@ def discretisation(name: str, registry: Registry | None = None, **options: Any) 
     return target(**options)
 
 
+def chosen_discretisation(
+    choice: Any, registry: Registry | None, degree: int, own: Mapping[str, Any], defaults: Mapping[str, Any]
+) -> Any:
+    """Return the discretisation that a solver's options describe.
+
+    Parameters
+    ----------
+    choice : str, tuple or object
+        Name, name with options, or an object, which is taken as it is.
+    registry : Registry, optional
+        Registry of names. Default: the program's.
+    degree : int
+    own, defaults : mapping
+        Options of the solver for ``polydg`` alone, and their defaults.
+
+    Raises
+    ------
+    OptionError
+        For invalid options, or options of ``polydg`` with another discretisation.
+    PluginError
+        For an unknown name other than ``polydg``, which linear systems do not need.
+    """
+    name, options = name_and_options("discretisation", choice) if is_named(choice) else ("", {})
+    if name == "polydg":
+        return discretisation(name, registry, **{"degree": degree, **own, **options})
+    changed = [option for option, value in own.items() if value != defaults[option]]
+    if changed:
+        raise OptionError(f"{changed[0]} belongs to the discretisation polydg; given with {name or choice!r}")
+    if not name:
+        return choice
+    known = default() if registry is None else registry
+    return known.build("discretisation", name, **{"degree": degree, **options})
+
+
 def has_convection(problem: Problem | None) -> bool:
     """Return True if a problem has convection, which makes its matrix nonsymmetric."""
     convection = getattr(problem, "convection", 0.0)
@@ -174,8 +227,9 @@ def fine_system(
 ) -> FineSystem:
     """Return the linear system of a problem on a hierarchy's mesh.
 
-    A linear system is taken as given. Any other problem is discretised by ``how.fine_system(problem, mesh)``
-    if the discretisation accepts its kind. Nonsymmetric matrices are refused unless ``nonsymmetric``.
+    A linear system is taken as given. Any other problem is discretised if the discretisation accepts its
+    kind: by ``how.fine_system(problem, mesh)`` if there is this method, else by ``how.assemble``
+    (:func:`discretised_system`). Nonsymmetric matrices are refused unless ``nonsymmetric``.
 
     Raises
     ------
@@ -195,8 +249,47 @@ def fine_system(
         raise OptionError(f"problem must be a Diffusion or a Linear, given {type(problem).__name__}")
     if not nonsymmetric:
         require_symmetric_problem(problem, "this solver")
+    if not hasattr(how, "fine_system"):
+        return discretised_system(problem, own_mesh(hierarchy), how)
     system: FineSystem = how.fine_system(problem, own_mesh(hierarchy))
     return system
+
+
+def discretised_system(problem: Problem, mesh: Mesh, how: Any) -> FineSystem:
+    """Return the system that any discretisation assembles, in the form that solvers require.
+
+    ``how.fixed_unknowns(problem, mesh)``, if offered, are subtracted as an offset, and
+    ``how.inner_unknowns(mesh)`` are eliminated (:class:`~agglo_core.solvers.condensation.Condensation`).
+    Residuals are measured as for linear systems.
+    """
+    # 1. Assemble, and eliminate unknowns inside the cells
+    system = how.assemble(problem, mesh)
+    inner = how.inner_unknowns(mesh) if hasattr(how, "inner_unknowns") else np.empty((0, 0), int)
+    fixed = how.fixed_unknowns(problem, mesh) if hasattr(how, "fixed_unknowns") else np.empty(0, int)
+    condensed, A, b = None, sparse.csr_array(system.A), system.b
+    if inner.size:
+        condensed = Condensation.of(A, b, inner)
+        A, b, fixed = condensed.matrix, condensed.load, np.searchsorted(condensed.outer, fixed)
+    # 2. Scale by powers of two
+    factor, factor_of_matrix = factor_for(float(np.abs(b).max(initial=0.0))), matrix_factor(A)
+    A, b = A if factor_of_matrix == 1.0 else factor_of_matrix * A, frozen_float(factor * b)
+    # 3. Subtract the values of Dirichlet data
+    offset, load = np.zeros(len(b)), np.array(b)
+    offset[fixed], load[fixed] = b[fixed] / A.diagonal()[fixed], 0.0
+    load = frozen_float(load)
+    return FineSystem(
+        A,
+        load,
+        1,
+        ResidualMeasure(load, rows=row_measure(A, load)),
+        b,
+        frozen_float(offset) if offset.any() else None,
+        factor,
+        meaning=(how, mesh, problem),
+        matrix_factor=factor_of_matrix,
+        fixed=frozen_int(fixed),
+        condensed=condensed,
+    )
 
 
 def _system_of_problem(problem: Linear, n: int, general: bool) -> FineSystem:

@@ -1,0 +1,228 @@
+"""Virtual elements: patch tests, orders, data of all kinds, condensation, and solvers of the core."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+import agglo_core as agglo
+from agglo_core import Mesh, OptionError, samples
+from agglo_core.problems import Diffusion
+from agglo_core.problems.diffusion import sine
+from agglo_vem.virtual_elements import VirtualElements
+
+Array = NDArray[np.float64]
+
+
+def hexagons(n: int) -> Mesh:
+    """Hexagons in the unit square, without the cells that its boundary would cut."""
+    i, j = (each.ravel() for each in np.indices((n, n)))
+    around = np.array([(0, -2), (1, -1), (1, 1), (0, 2), (-1, 1), (-1, -1)])
+    corners = (np.stack((2 * i + j % 2, 3 * j), axis=1)[:, None] + around).reshape(-1, 2)
+    lattice, cells = np.unique(corners, axis=0, return_inverse=True)
+    points = (lattice - lattice.min(axis=0)) / np.ptp(lattice, axis=0)
+    return Mesh.from_polygons(points, cells.reshape(-1, 6))
+
+
+def arrows(n: int) -> Mesh:
+    """Squares cut by a broken line into a non-convex and a convex cell each."""
+    i, j = (each.ravel() for each in np.indices((n, n)))
+    corner = np.stack((i, j), axis=1)[:, None]
+    points, cells = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0.7, 0.3)]), []
+    for shape in ((0, 1, 2, 4), (0, 4, 2, 3)):
+        cells.append(corner + points[list(shape)])
+    flat = np.concatenate(cells).round(9)
+    unique, numbers = np.unique(flat.reshape(-1, 2), axis=0, return_inverse=True)
+    return Mesh.from_polygons(unique / n, numbers.reshape(-1, 4))
+
+
+def agglomerates(n: int) -> Mesh:
+    """Parts of about eight Voronoi cells."""
+    mesh = samples.voronoi(8 * n, seed=3)
+    return mesh.coarsen(agglo.agglomerate(mesh.graph, n_parts=n).levels[0])
+
+
+def slivers(n: int, height: float = 1e-3) -> Mesh:
+    """Rectangles, with rows whose height is a fraction of the others'."""
+    m = int(n**0.5)
+    x, rows = np.linspace(0.0, 1.0, m + 1), np.cumsum([0.0, *np.resize((1.0, height), m)])
+    points = np.stack(np.meshgrid(x, rows / rows[-1], indexing="ij"), axis=-1).reshape(-1, 2)
+    low = (np.arange(m)[:, None] * (m + 1) + np.arange(m)).ravel()
+    return Mesh.from_polygons(points, low[:, None] + [0, m + 1, m + 2, 1])
+
+
+PLANE: dict[str, Callable[[int], Mesh]] = {
+    "voronoi": lambda n: samples.voronoi(n, seed=1),
+    "random triangles": lambda n: samples.random_triangles(n, seed=2),
+    "agglomerates": agglomerates,
+    "hexagons": lambda n: hexagons(int(n**0.5)),
+    "non-convex": lambda n: arrows(int((n / 2) ** 0.5)),
+    "slivers": slivers,
+}
+SOLID: dict[str, Callable[[], Mesh]] = {
+    "boxes": lambda: samples.boxes(3),
+    "tetrahedra": lambda: samples.random_tetrahedra(60, seed=3),
+    "agglomerates": lambda: samples.boxes(4).coarsen(np.arange(64) // 4),
+}
+STABILISATIONS = ["dofi", "d-recipe"]
+
+
+def solved(how: VirtualElements, problem: Diffusion, mesh: Mesh) -> Array:
+    system = how.assemble(problem, mesh)
+    return np.asarray(spsolve(sparse.csc_array(system.A), system.b))
+
+
+def polynomial(degree: int, dim: int = 2) -> tuple[Any, Any, Any]:
+    """Return a polynomial, its gradient and its Hessian matrix, as functions of points."""
+    slope, bend = np.array([0.7, -0.4, 0.3])[:dim], np.array([0.5, 1.0, -0.2])[:dim]
+    step = np.array([0.6, -0.8, 0.1])[:dim]
+
+    def value(x: Array) -> Array:
+        return 1.0 + x @ slope + (degree > 1) * (x @ bend) ** 2 + (degree > 2) * (x @ step) ** 3
+
+    def gradient(x: Array) -> Array:
+        square = 2.0 * (degree > 1) * (x @ bend)[:, None] * bend
+        return slope + square + 3.0 * (degree > 2) * (x @ step)[:, None] ** 2 * step
+
+    def hessian(x: Array) -> Array:
+        square = 2.0 * (degree > 1) * np.outer(bend, bend)
+        return square + 6.0 * (degree > 2) * (x @ step)[:, None, None] * np.outer(step, step)
+
+    return value, gradient, hessian
+
+
+KAPPA = np.array([[2.0, 0.5, 0.1], [0.5, 1.0, 0.2], [0.1, 0.2, 1.5]])
+
+
+def tagged(mesh: Mesh) -> Mesh:
+    """Tag the boundary: 1 on faces at the right, 2 at the top, 0 elsewhere."""
+    high, middle = mesh.points.max(axis=0) - 1e-9, mesh.face_centroids
+    tags = np.where(middle[:, 0] > high[0], 1, np.where(middle[:, 1] > high[1], 2, 0))
+    return mesh.with_face_tags(boundary=tags)
+
+
+def patch_problem(mesh: Mesh, degree: int) -> Diffusion:
+    """Problem with a polynomial solution: a tensor, a reaction, Dirichlet, Neumann and Robin data."""
+    dim, tags = mesh.dim, mesh.face_tags["boundary"][mesh.outer_faces]
+    u, slope, hessian = polynomial(degree, dim)
+    kappa = KAPPA[:dim, :dim]
+    neumann = {1: lambda x: slope(x) @ kappa[0]}
+    robin = {2: (2.0, lambda x: 2.0 * u(x) + slope(x) @ kappa[1])}
+    return Diffusion(
+        kappa,
+        lambda x: 3.0 * u(x) - (kappa * hessian(x)).sum(axis=(-2, -1)),
+        dirichlet={0: u},
+        neumann=neumann if (tags == 1).any() else {},
+        robin=robin if (tags == 2).any() else {},
+        reaction=3.0,
+        exact=u,
+    )
+
+
+@pytest.mark.parametrize("stabilisation", STABILISATIONS)
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("name", PLANE)
+def test_polynomials_of_the_degree_are_met(name: str, degree: int, stabilisation: str) -> None:
+    mesh, how = tagged(PLANE[name](60)), VirtualElements(degree, stabilisation)
+    problem = patch_problem(mesh, degree)
+    x = solved(how, problem, mesh)
+    errors = how.errors(problem, mesh, x)
+    assert errors["l2"] < 1e-10
+    assert errors["h1"] < 1e-9  # by differences of the exact solution
+    assert np.abs(how.project(mesh, problem.exact) - x).max() < 1e-10
+
+
+@pytest.mark.parametrize("stabilisation", STABILISATIONS)
+@pytest.mark.parametrize("name", SOLID)
+def test_linear_functions_are_met_on_polyhedra(name: str, stabilisation: str) -> None:
+    mesh, how = tagged(SOLID[name]()), VirtualElements(1, stabilisation)
+    problem = patch_problem(mesh, 1)
+    assert how.errors(problem, mesh, solved(how, problem, mesh))["l2"] < 1e-10
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("name", ["voronoi", "random triangles", "agglomerates", "hexagons", "non-convex"])
+def test_errors_have_orders_k_plus_1_and_k(name: str, degree: int) -> None:
+    how, sizes, errors = VirtualElements(degree), [], []
+    problem = Diffusion(lambda x: 1.0 + x[:, 0], _source, {0: _exact}, exact=_exact)
+    for n in (64, 576):
+        mesh = PLANE[name](n)
+        sizes.append(mesh.n_cells**-0.5)
+        errors.append(list(how.errors(problem, mesh, solved(how, problem, mesh)).values()))
+    orders = np.log(np.divide(*errors)) / np.log(sizes[0] / sizes[1])
+    assert orders[0] > degree + 0.75
+    assert orders[1] > degree - 0.25
+
+
+def _exact(x: Array) -> Array:
+    return np.asarray(np.sin(2.0 * x[:, 0]) * np.exp(x[:, 1]))
+
+
+def _source(x: Array) -> Array:
+    return np.asarray(
+        np.exp(x[:, 1]) * (3.0 * (1.0 + x[:, 0]) * np.sin(2.0 * x[:, 0]) - 2.0 * np.cos(2.0 * x[:, 0]))
+    )
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_conditions_are_bounded_as_edges_collapse(degree: int) -> None:
+    """A vertex moves towards the next vertex of a quadrilateral."""
+    conditions = []
+    for length in (1e-1, 1e-7):
+        points = np.array([(0, 0), (1, 0), (2, 0), (2, 1), (1 + length, 1), (1, 1), (0, 1)], float)
+        mesh = Mesh.from_polygons(points, [[0, 1, 5, 6], [1, 2, 3, 4, 5]])
+        A = VirtualElements(degree).assemble(Diffusion(reaction=1.0, neumann={0: 0.0}), mesh).A.toarray()
+        scale = 1.0 / np.sqrt(A.diagonal())
+        conditions.append(np.linalg.cond(scale[:, None] * A * scale))
+    assert conditions[1] < 30.0 * conditions[0]
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_solvers_condense_unknowns_inside_cells(degree: int) -> None:
+    mesh, how = samples.voronoi(60, seed=1), VirtualElements(degree)
+    solution = agglo.solve(mesh, sine(), "direct", discretisation=how)
+    assert np.abs(solution.x - solved(how, sine(), mesh)).max() < 1e-12
+    inside = degree * (degree - 1) // 2 * mesh.n_cells
+    assert solution.A.shape[0] - solution.operators[0][0].shape[0] == inside
+
+
+def test_direct_takes_names_options_and_objects() -> None:
+    mesh, how = samples.voronoi(30, seed=1), VirtualElements(2, "d-recipe")
+    by_object = agglo.solve(mesh, sine(), "direct", discretisation=how)
+    named = agglo.solve(
+        mesh, sine(), "direct", degree=2, discretisation=("vem", {"stabilisation": "d-recipe"})
+    )
+    assert np.array_equal(by_object.x, named.x)
+    with pytest.raises(OptionError, match="penalty belongs to the discretisation polydg"):
+        agglo.solve(mesh, sine(), "direct", discretisation="vem", penalty=3.0)
+
+
+def test_time_steps_keep_dirichlet_values() -> None:
+    """The mode sin πx sin πy decays by exp(−2π² t); u − 1 has the boundary value 0."""
+    mesh, how = samples.squares(12), VirtualElements(2)
+    problem = Diffusion(source=0.0, dirichlet={0: 1.0})
+    start = lambda x: 1.0 + np.sin(np.pi * x).prod(axis=1)  # noqa: E731
+    steps = agglo.evolve(mesh, problem, start, 0.05, 0.001, "be", solver="direct", discretisation=how)
+    _, last = list(steps)[-1]
+    assert np.abs(last.x[how.fixed_unknowns(problem, mesh)] - 1.0).max() < 1e-12
+    assert abs(last.evaluate(np.array([[0.5, 0.5]]))[0] - 1.0 - np.exp(-0.1 * np.pi**2)) < 5e-3
+
+
+def test_problems_without_a_unique_solution_are_refused() -> None:
+    mesh = samples.squares(3)
+    for problem, words in (
+        (Diffusion(source=0.0, neumann={0: 0.0}), "up to a constant"),
+        (Diffusion(convection=[1.0, 0.0]), "convection"),
+        (Diffusion(kappa=-1.0), "positive"),
+        (Diffusion(robin={0: (-1.0, 0.0)}), "negative"),
+    ):
+        with pytest.raises(OptionError, match=words):
+            VirtualElements().assemble(problem, mesh)
+    with pytest.raises(OptionError, match="degree 1"):
+        VirtualElements(2).check(sine(), samples.boxes(2))
