@@ -310,7 +310,7 @@ def gradient_fits_values(subject: Subject, case: Case) -> None:
     centres = corners.mean(axis=1)
     outside = mesh.points.max(axis=0, keepdims=True) + 1.0
     slopes = as_array(tool.gradient(mesh, x, np.concatenate((centres, outside))))
-    shape = (len(centres) + 1, mesh.dim)
+    shape = (len(centres) + 1, *samples.values.shape[1:], mesh.dim)
     require(
         slopes.shape == shape and bool(np.isnan(slopes[-1]).all()),
         f"on {case.name}: gradient returned {in_words(slopes)}, expected {shape}, with NaN for the last "
@@ -319,30 +319,53 @@ def gradient_fits_values(subject: Subject, case: Case) -> None:
     # Differences along short steps towards the corners, which remain in the simplex
     for step in _STEP * np.moveaxis(corners - centres[:, None], 1, 0):
         rise = tool.evaluate(mesh, x, centres + step) - tool.evaluate(mesh, x, centres - step)
-        expected = 2.0 * (step * slopes[:-1]).sum(axis=1)
-        worst = int(np.argmax(np.abs(rise - expected)))
+        expected = 2.0 * np.einsum("qd,q...d->q...", step, slopes[:-1])
+        worst = np.unravel_index(np.argmax(np.abs(rise - expected)), rise.shape)
         require(
             bool(abs(rise[worst] - expected[worst]) <= 1e-2 * np.abs(rise).max() + 1e-9),
-            f"on {case.name}: a step at {centres[worst].tolist()} alters evaluate by {rise[worst]:.6g}, but "
-            f"gradient predicts {expected[worst]:.6g}",
+            f"on {case.name}: a step at {centres[worst[0]].tolist()} alters evaluate by {rise[worst]:.6g}, "
+            f"but gradient predicts {expected[worst]:.6g}",
         )
+
+
+@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_offers("integrals"))
+def integrals_fit_values(subject: Subject, case: Case) -> None:
+    """``integrals`` over cells are those of the samples of a projected linear function."""
+    tool, mesh = subject.build(), case.given[1]
+    x = as_array(tool.project(mesh, lambda points: 1.0 + points.sum(axis=1)))
+    samples = tool.sample(mesh, x)
+    corners = samples.points[samples.simplices]
+    sizes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / (2.0 if mesh.dim == 2 else 6.0)
+    parts = (sizes * samples.values[samples.simplices].mean(axis=1).T).T
+    expected = np.zeros((mesh.n_cells, *parts.shape[1:]))
+    np.add.at(expected, samples.cells[samples.simplices[:, 0]], parts)
+    integrals = as_array(tool.integrals(mesh, x))
+    require(
+        integrals.shape == expected.shape
+        and bool(np.abs(integrals - expected).max() <= 1e-6 * np.abs(expected).max()),
+        f"on {case.name}: integrals returned {in_words(integrals)}, expected {in_words(expected)}",
+    )
 
 
 @drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_offers("mass"))
 def mass_integrates(subject: Subject, case: Case) -> None:
-    """``mass`` is symmetric, and integrates the projected function 1 in a cell to the cell's measure."""
+    """``mass`` is symmetric, and integrates each component of the function 1 in a cell to its measure."""
     tool, mesh = subject.build(), case.given[1]
-    n, M = answer(subject, tool, case).n, tool.mass(mesh)
+    system, M = answer(subject, tool, case), tool.mass(mesh)
+    n = system.n
     require(
         getattr(M, "shape", None) == (n, n),
         f"on {case.name}: mass returned {in_words(M)}, expected a matrix ({n}, {n})",
     )
     M = sparse.csr_array(M)
     require(abs(M - M.T).max() <= 1e-10 * abs(M).max(), f"on {case.name}: the mass matrix is not symmetric")
-    moments = M @ as_array(tool.project(mesh, np.ones(mesh.n_cells)))
+    one = as_array(tool.project(mesh, 1.0))
+    components = np.size(tool.evaluate(mesh, one, mesh.cell_centroids[:1]))
     for cell in sorted({0, mesh.n_cells // 2, mesh.n_cells - 1}):
-        one = tool.project(mesh, np.eye(mesh.n_cells)[cell])
-        measure = float(one @ moments)
+        inside = np.zeros(n)
+        own = slice(*system.block_offsets[cell : cell + 2])
+        inside[own] = one[own]
+        measure = float(inside @ (M @ one)) / components
         require(
             bool(np.isclose(measure, mesh.cell_measures[cell], rtol=1e-8)),
             f"on {case.name}: the mass matrix gives cell {cell} the measure {measure:.9g}, expected "

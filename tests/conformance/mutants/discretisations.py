@@ -102,13 +102,18 @@ class WholeLoad(PolyDG):
 
 
 class TurnsGradients(PolyDG):
-    def gradient(self, mesh, x, points):
+    def gradient(self, mesh, x, points=None):
         return super().gradient(mesh, x, points)[:, ::-1]
 
 
 class GradientsOutside(PolyDG):
-    def gradient(self, mesh, x, points):
+    def gradient(self, mesh, x, points=None):
         return np.nan_to_num(super().gradient(mesh, x, points))
+
+
+class DoublesIntegrals(PolyDG):
+    def integrals(self, mesh, x):
+        return 2.0 * super().integrals(mesh, x)
 
 
 class WeighsUnknowns(PolyDG):
@@ -170,6 +175,7 @@ MUTANTS = [
     Mutant("load_and_residuals", WholeLoad, "the load with boundary value 3"),
     Mutant("gradient_fits_values", TurnsGradients, "gradient predicts"),
     Mutant("gradient_fits_values", GradientsOutside, "outside the mesh"),
+    Mutant("integrals_fit_values", DoublesIntegrals, "integrals returned"),
     Mutant("mass_integrates", WeighsUnknowns, "the mass matrix gives cell 0 the measure"),
     Mutant("mass_integrates", SkewMass, "not symmetric"),
     Mutant("quadrature_fits_values", HalvesWeights, "weights of quadrature sum to"),
