@@ -1,4 +1,4 @@
-"""Linear elasticity: −div σ(u) = f with σ(u) = 2μ ε(u) + λ (div u) I.
+"""Linear elasticity: −div σ(u) + c u = f with σ(u) = 2μ ε(u) + λ (div u) I.
 
 As a TOML table, with numbers by cell tag and vectors by boundary tag (no expressions):
 
@@ -15,8 +15,9 @@ As a TOML table, with numbers by cell tag and vectors by boundary tag (no expres
     2 = [0.0, -1.0]
 
 ``lame_lambda`` and ``lame_mu`` may replace ``young`` and ``poisson``, and ``force = [0.0, -9.81]`` is a body
-force. With neither [displacement] nor [traction], u = 0 on the whole boundary. With [traction] alone, u is
-determined only up to rigid motions, and solvers refuse the problem. A first line
+force. ``reaction`` is c >= 0, by default 0, also by cell tag. With neither [displacement] nor [traction],
+u = 0 on the whole boundary. With [traction] alone and no reaction, u is determined only up to rigid motions,
+and solvers refuse the problem. A first line
 ``boundary = "gmsh:physical"`` selects another face tag instead of "boundary".
 """
 
@@ -47,7 +48,7 @@ VectorField = Sequence[float] | Float | Callable[[Float], Float]
 ``(q, d)``."""
 
 _CONSTANTS = ("lame_lambda", "lame_mu", "young", "poisson")
-_KEYS = ("boundary", *_CONSTANTS, "force", "displacement", "traction")
+_KEYS = ("boundary", *_CONSTANTS, "reaction", "force", "displacement", "traction")
 _BOUNDARY = "boundary"
 _YOUNG, _POISSON = 1.0, 0.3
 
@@ -55,7 +56,7 @@ _YOUNG, _POISSON = 1.0, 0.3
 @suggest_keywords()
 @dataclass(frozen=True, eq=False)
 class Elasticity:
-    """Find the displacement u with −div(2μ ε(u) + λ (div u) I) = f, given data by boundary tag.
+    """Find the displacement u with −div(2μ ε(u) + λ (div u) I) + c u = f, given data by boundary tag.
 
     In 2-D this is plane strain. The material is isotropic and constant in each cell.
 
@@ -68,7 +69,8 @@ class Elasticity:
     displacement, traction : mapping of boundary tag value to VectorField
         Boundary values u, and forces per area σ(u) n. If both are empty, u = 0 on the whole boundary.
         Otherwise faces with tags in neither mapping are free, and every domain component needs a tag in
-        ``displacement``: with tractions alone, u is determined only up to rigid motions.
+        ``displacement`` or a positive reaction: with tractions alone, u is determined only up to rigid
+        motions.
     exact : callable, optional
         Exact solution, if known, for error norms: values ``(q, d)`` at points ``(q, d)``.
     boundary : str
@@ -76,6 +78,8 @@ class Elasticity:
         the value 0.
     lame_lambda, lame_mu : float or (n_cells,) float, optional
         Lamé parameters, instead of ``young`` and ``poisson``; μ and 3λ + 2μ must be positive.
+    reaction : float or (n_cells,) float
+        Coefficient c, not negative, such as of an elastic bed.
 
     Raises
     ------
@@ -101,6 +105,7 @@ class Elasticity:
     boundary: str = _BOUNDARY
     lame_lambda: float | Float | None = None
     lame_mu: float | Float | None = None
+    reaction: float | Float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
         given = [name for name in _CONSTANTS if getattr(self, name) is not None]
@@ -108,7 +113,7 @@ class Elasticity:
             raise OptionError(
                 f"the material needs lame_lambda and lame_mu, or young and poisson; given {', '.join(given)}"
             )
-        for name in given:
+        for name in (*given, "reaction"):
             if callable(getattr(self, name)):
                 raise OptionError(
                     f"{name} must be a number or an array with one value per cell, given a callable: give "
@@ -148,13 +153,14 @@ class Elasticity:
         if both:
             raise OptionError(f"boundary tag {both[0]} is in both displacement and traction")
         constants: dict[str, Any] = {
-            name: cell_values(name, table[name], mesh) for name in _CONSTANTS if name in table
+            name: cell_values(name, table[name], mesh) for name in (*_CONSTANTS, "reaction") if name in table
         }
         force = vector("force", table["force"], mesh.dim) if "force" in table else None
         problem = cls(
             force=force, displacement=displacement, traction=traction, boundary=boundary, **constants
         )
         problem.lame(mesh.n_cells)
+        problem.reactions(mesh.n_cells)
         return problem
 
     @classmethod
@@ -182,6 +188,18 @@ class Elasticity:
         _require("poisson must lie between -1 and 0.5, both excluded", (nu > -1.0) & (nu < 0.5), nu)
         mu = young / (2.0 * (1.0 + nu))
         return frozen_float(2.0 * mu * nu / (1.0 - 2.0 * nu)), frozen_float(mu)
+
+    def reactions(self, n_cells: int) -> Float:
+        """Return the reaction of each cell ``(n_cells,)``.
+
+        Raises
+        ------
+        OptionError
+            For a wrong number of values, or a negative value: names the first such cell.
+        """
+        values = _per_cell("reaction", self.reaction, n_cells)
+        _require("reaction must not be negative", values >= 0.0, values)
+        return values
 
     def stress(self, gradients: Float, cells: Int, n_cells: int) -> Float:
         """Return the stresses 2μ ε + λ (tr ε) I of displacement gradients, σ_zz of plane strain included.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
 import agglo_core as agglo
-from agglo_core import Diffusion, Hierarchy, Linear, Mesh, OptionError, samples
+from agglo_core import Diffusion, Elasticity, Hierarchy, Linear, Mesh, OptionError, samples
 from agglo_core.solvers.direct import Direct
 from agglo_polydg_mg.forms import assembly
 from agglo_polydg_mg.forms.norms import EnergyNorm
@@ -101,6 +101,57 @@ def test_a_reaction_may_keep_variables_at_its_points() -> None:
     for _ in range(10):
         u, w = u - step * w, w + step * u
     assert states[-1][1].integral() == pytest.approx(u, rel=1e-8)
+
+
+def swinging(t: float, order: int) -> Elasticity:
+    """u = cos t (x², x y), of the space of degree 2, with the force of derivatives of an order in time."""
+    lame, mu = 2.0, 0.5
+
+    def u(x: Array) -> Array:
+        return np.asarray(np.cos(t) * np.stack((x[:, 0] ** 2, x[:, 0] * x[:, 1]), axis=1))
+
+    def force(x: Array) -> Array:
+        change = u(x) * (-np.tan(t) if order == 1 else -1.0)
+        return np.asarray(change - np.cos(t) * np.array([2.0 * mu + 3.0 * (lame + mu), 0.0]))
+
+    return Elasticity(lame_lambda=lame, lame_mu=mu, force=force, displacement={0: u}, exact=u)
+
+
+@pytest.mark.parametrize("scheme", [*ORDERS, "newmark"])
+def test_schemes_have_their_order_for_displacements(scheme: str) -> None:
+    mesh, order_in_time = samples.voronoi(12, seed=2), 2 if scheme == "newmark" else 1
+
+    def error(n: int) -> float:
+        *_, (_, solution) = agglo.evolve(
+            mesh, lambda t: swinging(t, order_in_time), swinging(0.0, 1).exact, 1.0, 1.0 / n, scheme,
+            solver="direct", degree=2, tolerance=1e-12,
+        )  # fmt: skip
+        return solution.errors()["l2"]
+
+    assert order(error) == pytest.approx(ORDERS.get(scheme, 2), abs=0.2)
+
+
+def test_newmark_moves_waves_without_damping() -> None:
+    """sin(√2 π t) sin πx sin πy / (√2 π) is largest after a quarter of the period, and back after a half."""
+    mesh, speed = samples.squares(8), lambda x: np.sin(np.pi * x).prod(axis=1)
+    half = 1.0 / np.sqrt(2.0)
+    states = dict(
+        agglo.evolve(
+            mesh, Diffusion(source=0.0), 0.0, half, half / 40, "newmark", velocity=speed, degree=2,
+            tolerance=1e-10,
+        )
+    )  # fmt: skip
+    integrals = np.array([solution.integral() for solution in states.values()])
+    exact = np.sin(np.sqrt(2.0) * np.pi * np.array(list(states))) * 4.0 / np.pi**3 / np.sqrt(2.0)
+    np.testing.assert_allclose(integrals, exact, atol=2e-3 * exact.max())
+
+
+def test_free_bodies_move_by_the_given_force() -> None:
+    """Newton's second law: half a square of the time in each direction of the force, exactly."""
+    mesh, force = samples.voronoi(300, seed=3), (1.0, -2.0)
+    free = Elasticity(young=1e3, force=force, traction={0: (0.0, 0.0)})
+    *_, (t, state) = agglo.evolve(mesh, free, 0.0, 0.5, 0.1, "newmark", tolerance=1e-10)
+    np.testing.assert_allclose(state.integral(), 0.5 * t**2 * np.array(force), rtol=1e-7)
 
 
 @pytest.mark.parametrize("scheme", ORDERS)
@@ -235,12 +286,14 @@ class Bare:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"scheme": "rk4"}, "scheme must be one of be, cn, bdf2; given 'rk4'"),
+        ({"scheme": "rk4"}, "scheme must be one of be, cn, bdf2, newmark; given 'rk4'"),
         ({"step": 0.0}, "step must be a positive number, given 0.0"),
         ({"t_end": np.nan}, "t_end must be a positive number, given nan"),
-        ({"problem": Linear(np.eye(16), np.ones(16))}, "problem must be a Diffusion, or a function of t"),
+        ({"problem": Linear(np.eye(16), np.ones(16))}, "problem must be a Diffusion or an Elasticity"),
         ({"reaction": lambda t, x, u: u[:3]}, "reaction must return"),
         ({"reaction": lambda t, x, u: np.full(len(u), np.inf)}, "reaction must return"),
+        ({"velocity": 1.0}, "velocity is for the scheme newmark, not for 'cn'"),
+        ({"problem": Elasticity(), "reaction": lambda t, x, u: u}, "no discretisation with quadrature"),
         ({"solver": Bare()}, "no method repeated"),
         ({"max_iterations": 1, "tolerance": 1e-12}, r"step 1, to t = 0.1, did not converge"),
         ({"on": 3}, "evolve expects a Mesh or a Hierarchy first, given 3"),

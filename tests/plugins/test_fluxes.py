@@ -246,12 +246,14 @@ def test_forces_on_each_cell_balance_its_body_force(name: str, degree: int) -> N
         Elasticity(force=curved),
         Elasticity(young=jumping, force=curved, displacement={1: zero}, traction={2: curved}),
         Elasticity(poisson=0.45, displacement={1: curved, 3: zero}, traction={2: zero}),
+        Elasticity(force=curved, reaction=3.0, traction={2: curved}),
     ):
         how = PolyDGElasticity(degree)
         system = how.assemble(problem, mesh)
         x = spsolve(system.A.tocsc(), system.b)
         forces = how.fluxes(problem, mesh, x)
         body = how.integrals(mesh, how.project(mesh, problem.force)) if problem.force else 0.0
+        body = body - problem.reaction * how.integrals(mesh, x)
         assert forces.shape == (mesh.n_faces, mesh.dim)
         assert np.abs(net_force(mesh, forces) + body).max() <= 1e-10 * np.abs(forces).max()
 

@@ -54,7 +54,8 @@ def test_rigid_motions_have_no_energy_and_no_others_do(name: str, degree: int) -
     mesh = MESHES[name]()
     basis, material = Basis(mesh, degree, True), Material(*Elasticity().lame(mesh.n_cells))
     penalised = mesh.face_cells[:, 1] >= 0  # no face of the boundary is held
-    A = matrix(basis, material, elastic_penalty(basis, material, penalised)).toarray()
+    sigma = elastic_penalty(basis, material, penalised)
+    A = matrix(basis, material, np.zeros(mesh.n_cells), sigma).toarray()
     motions = rigid_motions(basis)
     assert np.abs(A @ motions).max() <= 1e-11 * np.abs(A).max() * np.abs(motions).max()
     values = np.linalg.eigvalsh(A)
@@ -116,21 +117,25 @@ def test_the_matrix_is_the_bilinear_form(name: str, degree: int) -> None:
     penalised = np.ones(mesh.n_faces, bool)
     penalised[np.flatnonzero(mesh.face_cells[:, 1] < 0)[::2]] = False
     sigma = elastic_penalty(basis, material, penalised)
-    A = matrix(basis, material, sigma)
+    A = matrix(basis, material, np.zeros(mesh.n_cells), sigma)
     rng = np.random.default_rng(1)
     u, v = rng.normal(size=(2, A.shape[0]))
     assert u @ (A @ v) == pytest.approx(slow_form(basis, material, sigma, u, v), rel=1e-9)
     assert abs(A - A.T).max() <= 1e-12 * abs(A).max()
+    reaction = rng.random(mesh.n_cells)
+    added = matrix(basis, material, reaction, sigma) @ v - A @ v
+    mass = PolyDGElasticity(degree).mass(mesh) @ (np.repeat(reaction, v.size // mesh.n_cells) * v)
+    assert np.abs(added - mass).max() <= 1e-9 * abs(A).max() * np.abs(v).max()
 
 
 def least_ratio(mesh: Mesh, degree: int, material: Material, held: Array) -> float:
     """The smallest a(v, v) / ‖v‖², with the norm made independently from points on the faces."""
     basis = Basis(mesh, degree, True)
     sigma = elastic_penalty(basis, material, held)
-    A = matrix(basis, material, sigma).toarray()
+    A = matrix(basis, material, np.zeros(mesh.n_cells), sigma).toarray()
     width, dim, m = A.shape[0] // mesh.n_cells, mesh.dim, basis.n_local
     norm = np.zeros_like(A)
-    for c, block in enumerate(cell_blocks(basis, material)):
+    for c, block in enumerate(cell_blocks(basis, material, np.zeros(mesh.n_cells))):
         norm[c * width : (c + 1) * width, c * width : (c + 1) * width] = block
     rule, weights = (
         face_rule(mesh, all_faces(mesh), degree + 2),
@@ -403,6 +408,17 @@ def test_units_of_any_size_are_solved() -> None:
             assert np.abs(found.x * young / force - base.x).max() <= 1e-7 * np.abs(base.x).max()
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("reaction", [1e-3, 1.0, 1e3, 1e8])
+def test_reactions_take_no_more_iterations(reaction: float, degree: int) -> None:
+    mesh = samples.voronoi(1000, seed=1)
+    problem = Elasticity(force=lambda x: np.sin(9.0 * x), reaction=reaction)
+    without = agglo.solve(mesh, replace(problem, reaction=0.0), degree=degree)
+    solution = agglo.solve(mesh, problem, degree=degree)
+    assert solution.converged
+    assert solution.iterations <= without.iterations + 1
+
+
 def test_repeated_solves_reuse_the_levels() -> None:
     from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
@@ -476,6 +492,7 @@ def test_a_problem_file_is_read(tmp_path: Path) -> None:
         ({"poisson": 0.5}, ["poisson", "0.5 in cell 0"]),
         ({"poisson": np.where(np.arange(20) == 3, -1.5, 0.3)}, ["-1.5 in cell 3"]),
         ({"young": np.where(np.arange(20) == 5, -2.0, 1.0)}, ["young", "-2 in cell 5"]),
+        ({"reaction": -np.ones(20)}, ["reaction must not be negative", "-1 in cell 0"]),
         ({"young": np.ones(3)}, ["young", "(3,)", "(20,)"]),
         ({"young": np.nan}, ["young", "nan", "cell 0"]),
         ({"lame_lambda": -1.0, "lame_mu": 1.0}, ["3 lame_lambda + 2 lame_mu", "-1 in cell 0"]),

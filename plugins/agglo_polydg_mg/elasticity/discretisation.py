@@ -115,7 +115,8 @@ class PolyDGElasticity:
         require_consistent(basis, elasticity)
         boundary = elastic_boundary(basis.mesh, elasticity)
         sigma = self._penalty(basis, material, elasticity)
-        A = matrix(basis, material, sigma)
+        reaction = elasticity.reactions(mesh.n_cells)
+        A = matrix(basis, material, reaction, sigma)
         # 2. Loads
         load = external_load(basis, elasticity, boundary)
         load += displacement_load(basis, material, boundary, elasticity.displacement, sigma)
@@ -164,12 +165,12 @@ class PolyDGElasticity:
         return "linear"
 
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
-        """Rediscretise on agglomerates, with the means of the Lamé parameters, for corrections."""
+        """Rediscretise on agglomerates, with the means of the coefficients, for corrections."""
         elasticity = _elasticity(problem)
         measures = np.bincount(labels, mesh.cell_measures)
-        lame, mu = (
+        lame, mu, reaction = (
             np.bincount(labels, mesh.cell_measures * each) / measures
-            for each in elasticity.lame(mesh.n_cells)
+            for each in (*elasticity.lame(mesh.n_cells), elasticity.reactions(mesh.n_cells))
         )
         zero = (0.0,) * mesh.dim
         coarse = Elasticity(
@@ -178,6 +179,7 @@ class PolyDGElasticity:
             boundary=elasticity.boundary,
             lame_lambda=lame,
             lame_mu=mu,
+            reaction=reaction,
         )
         return self.assemble(coarse, mesh.coarsen(labels)).A
 
@@ -270,7 +272,7 @@ class PolyDGElasticity:
     ) -> solvers.ResidualMeasure:
         """Return the residual measure of a system times ``of_matrix``, with b times ``factor``.
 
-        It is weighted by 2μ + λ if that varies.
+        It is weighted by 2μ + λ + c h² if that varies, with the reaction c and the mean cell size h.
         """
         norm: Callable[[Float], float] | None = None
         if any(callable(each) or np.any(each) for each in problem.displacement.values()):
@@ -279,10 +281,12 @@ class PolyDGElasticity:
             def norm(x: Float) -> float:
                 return float(np.sqrt(of_matrix) / back * energy(back * x))
 
-        stiffness = found.material.acoustic[:, 1]
+        mesh = found.basis.mesh
+        h = mesh.cell_measures.mean() ** (1 / mesh.dim)
+        stiffness = found.material.acoustic[:, 1] + h**2 * problem.reactions(mesh.n_cells)
         if stiffness.min() == stiffness.max():
             return solvers.ResidualMeasure(b, norm=norm)
-        kappa = np.repeat(stiffness, found.basis.mesh.dim * found.basis.n_local)
+        kappa = np.repeat(stiffness, mesh.dim * found.basis.n_local)
         return solvers.ResidualMeasure(b, frozen_float(kappa), norm=norm)
 
 

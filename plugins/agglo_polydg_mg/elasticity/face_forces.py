@@ -26,7 +26,8 @@ def face_forces(
 
     Tested with a constant on one cell, the discrete problem contains the traction {σ(u)n} − σ_F Γ[u] on
     inner faces, with u − g for [u] on faces with displacements, and the given traction on other boundary
-    faces. If x solves the system, the forces on a cell therefore balance its body force.
+    faces. If x solves the system, the forces on a cell therefore balance its body force less
+    reaction.
 
     Parameters
     ----------

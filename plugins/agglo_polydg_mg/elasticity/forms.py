@@ -1,7 +1,7 @@
 """Symmetric interior penalty form of elasticity on polygons and polyhedra.
 
-a(u, v) = Σ_K ∫ σ(u) : ε(v) − Σ_F ∫ ({σ(u) n}·[v] + {σ(v) n}·[u]) + Σ_F σ_F ∫ [u]·Γ[v], boundary faces with
-displacements included. Averages and Γ weigh tangential and normal parts separately, see
+a(u, v) = Σ_K ∫ σ(u) : ε(v) + c u·v − Σ_F ∫ ({σ(u) n}·[v] + {σ(v) n}·[u]) + Σ_F σ_F ∫ [u]·Γ[v], boundary
+faces with displacements included. Averages and Γ weigh tangential and normal parts separately, see
 :class:`~agglo_polydg_mg.elasticity.material.FaceWeights`.
 """
 
@@ -12,6 +12,7 @@ from scipy import sparse
 
 from agglo_core.authoring import Float, Int, frozen_int
 from agglo_polydg_mg.elasticity.material import Material, along, face_weights
+from agglo_polydg_mg.elasticity.vectors import vector_blocks
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.derivatives import derivatives
@@ -19,8 +20,8 @@ from agglo_polydg_mg.space.derivatives import derivatives
 _NUMBERS = 4_000_000  # per batch of faces: some tens of MB
 
 
-def cell_blocks(basis: Basis, material: Material) -> Float:
-    """Return ∫ σ(φ_l e_b) : ε(φ_k e_a) per cell ``(n_cells, d m, d m)``."""
+def cell_blocks(basis: Basis, material: Material, reaction: Float) -> Float:
+    """Return ∫ σ(φ_l e_b) : ε(φ_k e_a) + c φ_l e_b · φ_k e_a per cell ``(n_cells, d m, d m)``."""
     E, dim, m = derivatives(basis), basis.mesh.dim, basis.n_local
     weighted = basis.mass_blocks[:, None] @ E
     # ∫ ∂_i φ_k ∂_j φ_l with axes cell, i, k, j, l
@@ -33,7 +34,10 @@ def cell_blocks(basis: Basis, material: Material) -> Float:
     along_all = material.mu[:, None, None] * np.einsum("cikil->ckl", products)
     for axis in range(dim):
         blocks[:, axis, :, axis] += along_all
-    return blocks.reshape(-1, dim * m, dim * m)
+    stiffness = blocks.reshape(-1, dim * m, dim * m)
+    if reaction.any():
+        stiffness += vector_blocks(reaction[:, None, None] * basis.mass_blocks, dim)
+    return stiffness
 
 
 def tractions(basis: Basis, material: Material, rule: FaceRule, cells: Int) -> Float:
@@ -51,16 +55,17 @@ def tractions(basis: Basis, material: Material, rule: FaceRule, cells: Int) -> F
     return np.asarray(found)
 
 
-def matrix(basis: Basis, material: Material, sigma: Float) -> sparse.bsr_array:
+def matrix(basis: Basis, material: Material, reaction: Float, sigma: Float) -> sparse.bsr_array:
     """Return the matrix ``(n_cells d m, n_cells d m)``, with one block per cell and per pair of neighbours.
 
+    The ``reaction (n_cells,)`` is c.
     ``sigma (n_faces,)`` is the :func:`~agglo_polydg_mg.elasticity.penalty.elastic_penalty`; faces with
     penalty 0 are natural boundary faces, or have no measure.
     """
     mesh, width = basis.mesh, basis.mesh.dim * basis.n_local
     indptr, indices, diagonal, slots = basis.pattern
     blocks = np.zeros((len(indices), width, width))
-    blocks[diagonal] = cell_blocks(basis, material)
+    blocks[diagonal] = cell_blocks(basis, material, reaction)
     if mesh.dim == 3:  # the pattern lists sides instead of faces
         own = basis.sides.of_faces
         turned = mesh.face_cells[:, 0] != basis.sides.cells[own, 0]

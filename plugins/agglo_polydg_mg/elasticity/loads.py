@@ -38,7 +38,7 @@ def elastic_boundary(mesh: Mesh, problem: Elasticity) -> Boundary:
     ------
     OptionError
         For an unknown face tag, a value in both kinds of data or on no face, or a component without
-        displacements.
+        displacements and reaction.
     """
     # 1. Check the tags
     if problem.boundary not in mesh.face_tags and problem.boundary != Elasticity.boundary:
@@ -58,6 +58,9 @@ def elastic_boundary(mesh: Mesh, problem: Elasticity) -> Boundary:
     # 2. Refuse rigid motions
     data, held = problem.displacement or problem.traction, list(problem.displacement)
     free = np.setdiff1d(kinds.component, kinds.component[np.isin(on_boundary, held)]) if data else []
+    if len(free):
+        component, reaction = mesh.graph.components(), problem.reactions(mesh.n_cells)
+        free = free[~np.isin(component[free], component[reaction > 0.0])]
     if len(free):
         raise OptionError(
             f"the component of cell {free[0]} has no boundary face with a displacement, so it can move "

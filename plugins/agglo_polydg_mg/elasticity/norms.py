@@ -25,7 +25,7 @@ _FACES = 20_000  # per batch: limits the memory for the traces at their quadratu
 class ElasticNorm:
     """The energy norm of a discrete displacement, with its jumps to the boundary data.
 
-    (∫ σ(u) : ε(u) + Σ_F σ_F ∫ [u]·Γ[u])^½, a sum of squares, hence exact to rounding.
+    (∫ σ(u) : ε(u) + c |u|² + Σ_F σ_F ∫ [u]·Γ[u])^½, a sum of squares, hence exact to rounding.
     """
 
     basis: Basis
@@ -41,7 +41,7 @@ class ElasticNorm:
 
     @cached_property
     def _blocks(self) -> Float:
-        return cell_blocks(self.basis, self.material)
+        return cell_blocks(self.basis, self.material, self.problem.reactions(self.basis.mesh.n_cells))
 
     def _outside(self, rule: FaceRule) -> Float:
         boundary = elastic_boundary(self.basis.mesh, self.problem)

@@ -68,7 +68,7 @@ class Numbering:
         if self.cells is None:
             return problem
         if isinstance(problem, Elasticity):
-            fields = ("young", "poisson", "lame_lambda", "lame_mu", "force")
+            fields = ("young", "poisson", "lame_lambda", "lame_mu", "reaction", "force")
             data = {name: self._taken(getattr(problem, name)) for name in fields}
             data |= {name: self._all_taken(getattr(problem, name)) for name in ("displacement", "traction")}
             return replace(problem, **data)
