@@ -100,7 +100,7 @@ def _coarse_correction(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
     first, *rest = _NEXT[kind] * level.visits
     x = solve(stack, at, b, first)
     for again in rest:
-        x = x + solve(stack, at, b - level.A @ x, again)
+        x = x + solve(stack, at, np.asarray(b - level.A @ x, b.dtype), again)
     return x
 
 
@@ -114,13 +114,13 @@ def _two_steps(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
     if not curvature > 0.0:
         return p
     x: Real = (projection / curvature) * p
-    r = b - (projection / curvature) * Ap
+    r = np.asarray(b - (projection / curvature) * Ap, b.dtype)
     if r @ r <= 0.0625 * (b @ b):  # residual below a quarter: one step suffices
-        return x
+        return np.asarray(x, b.dtype)
     z = _solve_level(stack, at, r, kind)
     # Second step along z, made conjugate to p.
     z = z - ((z @ Ap) / curvature) * p
     Az = A @ z
     curvature_z = z @ Az
     result: Real = x + ((z @ r) / curvature_z) * z if curvature_z > 0.0 else x
-    return result
+    return np.asarray(result, b.dtype)

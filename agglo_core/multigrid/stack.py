@@ -80,7 +80,8 @@ class Level(FieldState):
     patches : Patches, optional
         Groups of parts to be smoothed together.
     visits : int
-        Number of visits for each visit of the next finer level, for any cycle.
+        Number of visits for each visit of the next finer level, for any cycle. Residuals between visits
+        have the precision of A.
 
     Examples
     --------
@@ -117,10 +118,10 @@ class Level(FieldState):
         return found
 
     def prolonged(self, x: Real, y: Real) -> Real:
-        """Return the corrected iterate x + P y ``(n,)`` as a new array."""
+        """Return the corrected iterate x + P y ``(n,)`` as a new array, in the precision of x."""
         columns = self._columns
         if columns is None or not x.dtype == y.dtype == self.P.dtype:
-            return np.asarray(x + self.P @ y)
+            return np.asarray(x + self.P @ y, x.dtype)
         (_, prolonged), arrays = columns
         found: Real = prolonged(*arrays, frozen(x, x.dtype), frozen(y, y.dtype))
         return found

@@ -398,6 +398,15 @@ def test_the_levels_use_the_agglomerates_of_a_hierarchy() -> None:
         assert agglo.solve(hierarchy, Elasticity(force=(0.0, -1.0)), recipe=recipe).converged
 
 
+@pytest.mark.parametrize("cycle", ["auto", "K"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_single_precision_serves_slender_beams(degree: int, cycle: str) -> None:
+    solution = agglo.solve(beam(14), PULLED, degree=degree, cycle=cycle)
+    assert solution.converged
+    assert "float32" in solution.choice
+    assert "double" not in solution.choice
+
+
 def test_units_of_any_size_are_solved() -> None:
     mesh = samples.squares(8)
     base = agglo.solve(mesh, Elasticity(force=(0.0, -1.0)), tolerance=1e-9)

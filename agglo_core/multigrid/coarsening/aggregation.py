@@ -107,6 +107,7 @@ def aggregation_stack(
     dtype: Any = np.float64,
     smoother: MakeSmoother = pointwise,
     coarsest: int = 500,
+    visits: int = 1,
 ) -> LevelStack:
     """Build smoothed-aggregation levels for a symmetric positive (semi)definite matrix.
 
@@ -137,6 +138,9 @@ def aggregation_stack(
         unknowns, :func:`pointwise`. For parts with several unknowns :func:`blockwise` is better.
     coarsest : int
         Maximum number of unknowns to be solved directly.
+    visits : int
+        Number of visits of each level. From 2 on, matrices of the levels and the direct solver have double
+        precision: between two visits single precision would lose errors with little energy, such as bending.
 
     Raises
     ------
@@ -187,12 +191,12 @@ def aggregation_stack(
             P = start.T
         # 3. Store the level and continue with the coarse matrix.
         levels.append(
-            _level(matrix, offsets, dtype, holder, P.astype(dtype), smoother(matrix, offsets, dtype))
+            _level(matrix, offsets, dtype, holder, visits, P.astype(dtype), smoother(matrix, offsets, dtype))
         )
         holder = np.where(holder >= 0, aggregate_of[holder], -1)
         matrix, offsets, B = csr_galerkin(matrix, P), start.offsets, start.near_null
-    levels.append(_level(matrix, offsets, dtype, holder))
-    return LevelStack(levels, direct_solver(matrix, dtype), dtype)
+    levels.append(_level(matrix, offsets, dtype, holder, visits))
+    return LevelStack(levels, direct_solver(matrix, dtype if visits == 1 else np.float64), dtype)
 
 
 def aggregates(
@@ -221,11 +225,18 @@ def aggregates(
 
 
 def _level(
-    A: Any, offsets: Int, dtype: Any, holder: Int, P: Any = None, smoother: LevelSmoother | None = None
+    A: Any,
+    offsets: Int,
+    dtype: Any,
+    holder: Int,
+    visits: int,
+    P: Any = None,
+    smoother: LevelSmoother | None = None,
 ) -> Level:
-    if isinstance(smoother, ScalarGaussSeidel):
+    if visits == 1 and isinstance(smoother, ScalarGaussSeidel):
         return Level(smoother.matrix, offsets, P, smoother, frozen_int(holder))  # shares the matrix
-    return Level(A.astype(dtype), offsets, P, smoother, frozen_int(holder))
+    A = A.astype(dtype) if visits == 1 else A
+    return Level(A, offsets, P, smoother, frozen_int(holder), visits=visits)
 
 
 def _current_labels(labels: Int, holder: Int, parts: int) -> Int:

@@ -94,9 +94,9 @@ def elastic_stack(
         dtype=dtype,
         weak=_WEAK,
         smoother=multigrid.pointwise,
+        visits=_VISITS,
     )
-    low = [replace(level, visits=_VISITS) for level in below.levels]
-    return multigrid.LevelStack([*levels, *low], below.coarse, dtype, scaling)
+    return multigrid.LevelStack([*levels, *below.levels], below.coarse, dtype, scaling)
 
 
 def _first_level(
