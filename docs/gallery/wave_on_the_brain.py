@@ -48,7 +48,7 @@ def focus(points):
 
 
 def waves(mesh, kappa, degree, t_end=60.0, step=1.0):
-    """States at three times, the mean of iterations, and the integral of u at the end, about the excited area in mm²."""
+    """Return the states at three times, the mean of iterations, and the integral of u at the end in mm²."""
     tissue, membrane = agglo.Diffusion(kappa=kappa, source=0.0, neumann={0: 0.0}), Membrane(step)
     states = agglo.evolve(mesh, tissue, focus, t_end, step, "bdf2", reaction=membrane, degree=degree)
     kept, counts = [], []
