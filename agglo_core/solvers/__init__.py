@@ -6,6 +6,7 @@ from agglo_core.solvers.advice import Kind, advice_of_multigrid
 from agglo_core.solvers.fine_system import (
     CELLS_PER_PART,
     FineSystem,
+    chosen_discretisation,
     chosen_levels,
     default_levels,
     fine_system,
@@ -13,7 +14,7 @@ from agglo_core.solvers.fine_system import (
     own_mesh,
     require_symmetric_problem,
 )
-from agglo_core.solvers.linear_task import LinearTask
+from agglo_core.solvers.linear_task import DiscretisedTask, LinearTask
 from agglo_core.solvers.option_checks import (
     chosen,
     require_count,
@@ -30,6 +31,7 @@ from agglo_core.solvers.stopwatch import Stopwatch
 
 __all__ = [
     "CELLS_PER_PART",
+    "DiscretisedTask",
     "FineSystem",
     "Kind",
     "LinearTask",
@@ -38,6 +40,7 @@ __all__ = [
     "Stopwatch",
     "advice_of_multigrid",
     "chosen",
+    "chosen_discretisation",
     "chosen_levels",
     "data_size",
     "default_levels",

@@ -20,7 +20,7 @@ from agglo_core.problems.linear import require_cells
 from agglo_core.problems.residuals.sizes import two_norm
 from agglo_core.progress import Tell
 from agglo_core.solvers.advice import Kind, advice_of_components, advice_of_multigrid
-from agglo_core.solvers.fine_system import chosen_levels
+from agglo_core.solvers.fine_system import FineSystem, chosen_levels
 from agglo_core.solvers.scaling import factor_for, matrix_factor, unscaled, unscaled_matrix
 from agglo_core.solvers.stopwatch import Stopwatch
 
@@ -35,6 +35,7 @@ class LinearTask:
     coarsening of the matrix. With the recipe ``"agglomerates"`` they use one classical step, then the
     agglomerates of the hierarchy. Other systems use smoothed aggregation by the agglomerates as far as these
     suit the matrix, or by aggregates from the matrix graph. Blocks correspond to the cells with unknowns.
+    Without a hierarchy, blocks belong to no cells, and all levels come from the matrix.
 
     Raises
     ------
@@ -46,7 +47,7 @@ class LinearTask:
     def __init__(
         self,
         problem: Linear,
-        hierarchy: Hierarchy,
+        hierarchy: Hierarchy | None,
         count: int | None = None,
         recipe: str = "auto",
         cycle: str = "auto",
@@ -56,8 +57,10 @@ class LinearTask:
             raise OptionError(
                 f"recipe {recipe!r} is for diffusion problems; for linear systems use auto or agglomerates"
             )
-        offsets, cells = np.asarray(problem.block_offsets), hierarchy.graph.n
-        self._cells, plane = cells, hierarchy.fine is not None and hierarchy.fine.dim == 2
+        offsets = np.asarray(problem.block_offsets)
+        cells = len(offsets) - 1 if hierarchy is None else hierarchy.graph.n
+        self._cells: int | None = None if hierarchy is None else cells
+        plane = hierarchy is not None and hierarchy.fine is not None and hierarchy.fine.dim == 2
         require_cells(problem, cells)
         # Cells without unknowns have no block.
         block_cells = np.flatnonzero(np.diff(offsets) != 0)
@@ -75,7 +78,7 @@ class LinearTask:
         if self._matrix_factor != 1.0:
             parts = system.b, system.block_offsets, None, system.near_null
             self.system = System.trusted(self._matrix_factor * system.A, *parts)
-        if recipe == "agglomerates" and not hierarchy.levels:
+        if recipe == "agglomerates" and not (hierarchy is not None and hierarchy.levels):
             raise OptionError(
                 "recipe 'agglomerates' requires a hierarchy with levels, and this one has none: solve on "
                 "agglo.agglomerate(mesh, n_parts=…)"
@@ -84,7 +87,9 @@ class LinearTask:
         self._classical = is_classical(self.system)
         labelled = recipe == "agglomerates" or not self._classical
         self._labels = (
-            [_renumber_labels(array[block_cells]) for array in _levels(hierarchy, count)] if labelled else []
+            [_renumber_labels(array[block_cells]) for array in _levels(hierarchy, count)]
+            if labelled and hierarchy is not None
+            else []
         )
         self.cycle: Any = "V" if cycle == "auto" else cycle
         self.dtype: Any = np.float32 if precision == "single" else np.float64
@@ -233,6 +238,41 @@ class LinearTask:
             replace(history, x=x, residuals=frozen_float(history.residuals / factor))
             for history, x, factor in zip(histories, columns, self._factors, strict=True)
         )
+
+
+class DiscretisedTask(LinearTask):
+    """Discretised problem whose levels come from the matrix alone, as for unknowns at vertices and edges."""
+
+    def __init__(self, fine: FineSystem, cycle: str = "auto", precision: str = "auto") -> None:
+        super().__init__(Linear(fine.A, fine.b), None, None, "auto", cycle, precision)
+        self._fine = fine
+
+    def preconditioner(self, M: LinearOperator) -> LinearOperator:
+        """Rescale a cycle to a preconditioner for the problem's matrix.
+
+        Raises
+        ------
+        OptionError
+            If unknowns inside the cells were eliminated.
+        """
+        if self._fine.condensed is not None:
+            raise OptionError(
+                "aspreconditioner is not available for unknowns inside cells: they are eliminated, and the "
+                "preconditioner belongs to the others"
+            )
+        return self._fine.preconditioner(super().preconditioner(M))
+
+    def solution(
+        self,
+        histories: Sequence[History],
+        operators: list[tuple[Any, Any]],
+        watch: Stopwatch,
+        tolerance: float,
+    ) -> Solution:
+        """Build the solution of the discretised problem."""
+        solved = super().solution(histories, operators, watch, tolerance)
+        history = replace(histories[0], x=solved.x, residuals=solved.residuals)
+        return self._fine.solution(history, solved.operators, watch, tolerance)
 
 
 def _columns(near_null: Any) -> Any:

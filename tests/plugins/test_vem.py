@@ -226,3 +226,25 @@ def test_problems_without_a_unique_solution_are_refused() -> None:
             VirtualElements().assemble(problem, mesh)
     with pytest.raises(OptionError, match="degree 1"):
         VirtualElements(2).check(sine(), samples.boxes(2))
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("name", ["voronoi", "random triangles", "agglomerates"])
+def test_multigrid_takes_at_most_20_iterations(name: str, degree: int) -> None:
+    mesh = PLANE[name](500)
+    solution = agglo.solve(mesh, sine(), discretisation="vem", degree=degree)
+    assert solution.converged
+    assert solution.iterations <= 20
+    exact = solved(VirtualElements(degree), sine(), mesh)
+    assert np.abs(solution.x - exact).max() < 1e-5
+    assert np.linalg.norm(solution.b - solution.A @ solution.x) < 1e-5 * np.linalg.norm(solution.b)
+
+
+def test_multigrid_refuses_what_belongs_to_polydg() -> None:
+    mesh = samples.squares(6)
+    with pytest.raises(OptionError, match="repeated solves require the discretisation polydg"):
+        agglo.registry.default().build("solver", "polydg_mg", discretisation="vem").repeated(
+            agglo.agglomerate(mesh, n_parts=4)
+        )
+    with pytest.raises(OptionError, match="recipe 'patches' requires"):
+        agglo.solve(mesh, sine(), discretisation="vem", recipe="patches")

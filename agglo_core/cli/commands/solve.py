@@ -14,7 +14,7 @@ from agglo_core.cli.options.agglomeration import FILE, agglomeration_options
 from agglo_core.cli.options.completion import meshes, names
 from agglo_core.cli.options.numbers import Number
 from agglo_core.cli.options.shared import COMPONENT
-from agglo_core.cli.options.specs import load_mesh
+from agglo_core.cli.options.specs import as_typed, load_mesh
 from agglo_core.cli.output.console import explain_compilation, print_json
 from agglo_core.cli.output.files import Outputs, check_picture, refuse_input
 from agglo_core.cli.output.stdout import OwnCommand, terminal_columns
@@ -52,6 +52,12 @@ _COLUMNS = 80  # maximum width of the text
 @agglomeration_options(bisector="one")
 @click.option("--levels", type=Number(int), help="Number of levels to use, the mesh included (default all).")
 @click.option("--degree", type=Number(int), help="Polynomial degree (default: the solver's).")
+@click.option(
+    "--discretisation",
+    metavar=COMPONENT,
+    help="Discretisation, such as vem (default: the solver's).",
+    shell_complete=names("discretisation"),
+)
 @click.option("--smoothing-steps", type=Number(int), help="Steps before and after each coarse correction.")
 @click.option("--tol", "tolerance", type=float, help="Relative residual and energy error to reach.")
 @click.option(
@@ -89,6 +95,7 @@ def solve(
     agglomeration: Mapping[str, Any],
     levels: int | None,
     degree: int | None,
+    discretisation: str | None,
     smoothing_steps: int | None,
     tolerance: float | None,
     problem: str,
@@ -107,7 +114,13 @@ def solve(
     TOML file contains numbers by cell tag and boundary tag, or names the matrix of a linear system. Exit
     code 3: not converged, or no picture.
     """
-    options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
+    options = {
+        "levels": levels,
+        "degree": degree,
+        "discretisation": None if discretisation is None else as_typed(discretisation),
+        "smoothing_steps": smoothing_steps,
+        "tolerance": tolerance,
+    }
     tool = build_solver(solver, _drop_unset_options(options))
     files = {
         "--fluxes": fluxes,

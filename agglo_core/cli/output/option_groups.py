@@ -11,7 +11,16 @@ from agglo_core.agglomeration.keywords import GROUPS
 _OF_COMMANDS = {
     "Method": ("bisectors", "methods"),
     "Running": ("independent",),
-    "Solver": ("solver", "levels", "degree", "smoothing_steps", "tolerance", "problem", "cg"),
+    "Solver": (
+        "solver",
+        "levels",
+        "degree",
+        "discretisation",
+        "smoothing_steps",
+        "tolerance",
+        "problem",
+        "cg",
+    ),
 }
 """Parameters of commands in addition to the keywords of ``agglomerate``, by group."""
 _TITLES = {name: title for title, names in chain(GROUPS.items(), _OF_COMMANDS.items()) for name in names}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ Task = DiffusionTask | solvers.LinearTask
 def task_for(
     problem: Problem,
     hierarchy: Hierarchy,
-    how: PolyDG,
+    how: Any,
     overrides: Overrides,
     count: int | None,
     units: UnitForms | None = None,
@@ -48,6 +49,11 @@ def task_for(
     ``units`` and ``numbering`` may come from an earlier diffusion problem on the hierarchy, and ``kept``
     from one with an equal matrix. The ``plan`` describes its levels if they are kept.
     """
+    if not isinstance(problem, Linear) and not isinstance(how, PolyDG):
+        if overrides.recipe != "auto":
+            raise OptionError(f"recipe {overrides.recipe!r} requires the discretisation polydg")
+        fine = solvers.fine_system(problem, hierarchy, how)
+        return solvers.DiscretisedTask(fine, overrides.cycle, overrides.precision)
     if isinstance(problem, Diffusion) and solvers.has_convection(problem):
         return ConvectionTask(problem, hierarchy, how, overrides, count, units, None, numbering, kept)
     if isinstance(problem, Diffusion | Elasticity):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
@@ -12,6 +13,7 @@ from agglo_core.authoring import (
     Listener,
     OptionError,
     Problem,
+    Registry,
     Solution,
     multigrid,
     phase,
@@ -58,6 +60,11 @@ class PolyDGMultigrid:
         Number of levels to use from mesh, level 0, 1, …; by default all. For a diffusion problem without
         levels, agglomerates with 8 cells each are made if ``levels`` is given, or for the recipe
         ``patches``.
+    discretisation : str, tuple or object
+        Name of a discretisation, name with options, or an object. Other discretisations than ``polydg`` use
+        classical coarsening of their matrix, with unknowns inside the cells eliminated.
+    registry : Registry, optional
+        Registry of names. Default: the program's.
 
     Raises
     ------
@@ -80,6 +87,9 @@ class PolyDGMultigrid:
         precision: Literal["auto", "single", "double"] = "auto",
         penalty: Penalty = "sharp",
         levels: int | None = None,
+        discretisation: str | tuple[str, Mapping[str, Any]] | Any = "polydg",
+        *,
+        registry: Registry | None = None,
     ) -> None:
         solvers.require_fraction("tolerance", tolerance)
         solvers.require_count("max_iterations", max_iterations, 1)
@@ -91,7 +101,12 @@ class PolyDGMultigrid:
             solvers.require_name(name, value, choices)
         if levels is not None:
             solvers.require_count("levels", levels, 2)
-        self.discretisation = PolyDG(degree, penalty, scaled_basis=True)
+        own, defaults = {"penalty": penalty}, {"penalty": "sharp"}
+        self.discretisation = (
+            PolyDG(degree, penalty, scaled_basis=True)
+            if discretisation == "polydg"
+            else solvers.chosen_discretisation(discretisation, registry, degree, own, defaults)
+        )
         self.tolerance, self.max_iterations, self.levels = tolerance, max_iterations, levels
         self.overrides = Overrides(recipe, cycle, precision)
 
@@ -137,6 +152,8 @@ class PolyDGMultigrid:
 
         It reuses the levels; see :class:`~agglo_polydg_mg.solver.repeated_solves.RepeatedSolves`.
         """
+        if not isinstance(self.discretisation, PolyDG):
+            raise OptionError("repeated solves require the discretisation polydg: use the solver direct")
         return RepeatedSolves(
             hierarchy,
             self.discretisation,
