@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Literal
 from zlib import crc32
 
@@ -311,6 +312,13 @@ def _factors(graph: Graph, rows: Int, faces: str) -> Float:
 
 def _family(recipe: DrawnMesh) -> Mesh:
     """Return the mesh of a family, near the origin and of a size near 1 per cell."""
+    return _build_family(
+        DrawnMesh(recipe.family, recipe.cells, recipe.seed, jitter=recipe.jitter, grading=recipe.grading)
+    )
+
+
+@lru_cache(maxsize=2048)  # a law draws equal recipes for all components
+def _build_family(recipe: DrawnMesh) -> Mesh:
     n, seed = recipe.cells, recipe.seed
     side = max(1, round(n**0.5))
     if recipe.family == "strip":
