@@ -18,7 +18,7 @@ from agglo_core.authoring import Float, Index, Int, Mask, Mesh, frozen, frozen_f
 from agglo_core.fields.gauss_points import gauss
 from agglo_polydg_mg.space.basis import Basis
 
-_SHORT = 0.5
+_SHORT = 0.85
 """Fraction of |K| / diam K below which a face is short: its ends share an unknown, and it has no bubbles.
 
 A larger value gives fewer unknowns and a coarser space (benchmarks/solve.py --meshes voronoi).
@@ -123,7 +123,7 @@ def conforming_space(
 ) -> ConformingSpace:
     """Build the continuous auxiliary space of a discontinuous polynomial space in 2-D.
 
-    Vertices joined by faces shorter than half of |K| / diam K share an unknown, if they lie that close
+    Vertices joined by faces shorter than 0.85 |K| / diam K share an unknown, if they lie that close
     together.
 
     A vertex has an unknown for each group of coupled cells around it. A face couples its cells unless it is
