@@ -50,41 +50,42 @@ def _transpose_csr(indptr, indices, data, columns):
 def _product(indptr, indices, data, graph, to, weight, columns):
     """Multiply two CSR matrices row by row (Gustavson's algorithm).
 
-    Columns in a row come in any order, and the arrays are longer than needed. ``slot[j]`` is the position of
-    column j. Slots before ``first`` belong to earlier rows.
+    Columns in a row come in any order, and the arrays are longer than needed. The row is summed in
+    ``total``, and ``row_of[j]`` is the last row with column j.
     """
     n = len(indptr) - 1
     product_offsets = np.zeros(n + 1, np.int32)
     size = 2 * len(indices) + columns
-    product_columns = np.empty(size, np.int32)
-    values = np.empty(size)
-    slot = np.full(columns, -1, np.int32)
+    product_columns, values = np.empty(size + 1, np.int32), np.empty(size)
+    row_of, total = np.full(columns, -1, np.int32), np.zeros(columns)
     m = 0
     for i in range(n):
         first = m
         # 1. Reserve space for the row. The number of columns is a free bound. Only if this does not fit,
-        # count    the entries of the rows to be combined. Doubling keeps copies rare.
+        # count the entries of the rows to be combined. Doubling keeps copies rare.
         if m + columns > size:
             most = 0
             for k in range(indptr[i], indptr[i + 1]):
                 most += graph[indices[k] + 1] - graph[indices[k]]
             if m + most > size:
                 size = 2 * size + most
-                longer_columns, longer_values = np.empty(size, np.int32), np.empty(size)
+                longer_columns, longer_values = np.empty(size + 1, np.int32), np.empty(size)
                 for k in range(m):
                     longer_columns[k], longer_values[k] = product_columns[k], values[k]
                 product_columns, values = longer_columns, longer_values
-        # 2. Combine the rows of the second matrix with the entries in the row of the first.
-        for k in range(indptr[i], indptr[i + 1]):
-            a = data[k]
-            for q in range(graph[indices[k]], graph[indices[k] + 1]):
-                j = to[q]
-                if slot[j] >= first:
-                    values[slot[j]] += a * weight[q]
-                else:
-                    slot[j] = m
-                    product_columns[m] = j
-                    values[m] = a * weight[q]
-                    m += 1
+        # 2. Combine the rows of the second matrix with the entries in the row of the first. A column is
+        # written behind the row, and counted if it is new: without a branch, which would be unpredictable.
+        for k in range(np.uint32(indptr[i]), np.uint32(indptr[i + 1])):
+            a, h = data[k], np.uint32(indices[k])
+            for q in range(np.uint32(graph[h]), np.uint32(graph[h + np.uint32(1)])):
+                j = np.uint32(to[q])
+                product_columns[m] = j
+                m += row_of[j] != i
+                row_of[j] = i
+                total[j] += a * weight[q]
+        # 3. Move the sums to the row.
+        for k in range(first, m):
+            j = np.uint32(product_columns[k])
+            values[k], total[j] = total[j], 0.0
         product_offsets[i + 1] = m
     return product_offsets, product_columns, values
