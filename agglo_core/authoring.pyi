@@ -104,6 +104,7 @@ from agglo_core.progress import (
 )
 from agglo_core.protocols import (
     Bisector as Bisector,
+    Estimator as Estimator,
     LevelBisector as LevelBisector,
     Smoother as Smoother,
     Target as Target,

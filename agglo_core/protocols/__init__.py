@@ -23,7 +23,7 @@ from agglo_core.protocols.on_graphs import (
     TargetAware,
     UnevenBisector,
 )
-from agglo_core.protocols.on_problems import ProblemKind, Smoother, Solver
+from agglo_core.protocols.on_problems import Estimator, ProblemKind, Smoother, Solver
 from agglo_core.protocols.on_quality import IncrementalMetric, QualityMetric, Section
 
 __all__ = [
@@ -32,6 +32,7 @@ __all__ = [
     "Completing",
     "ConnectivityFixer",
     "Constraint",
+    "Estimator",
     "Forbidding",
     "Format",
     "HierarchyFormat",

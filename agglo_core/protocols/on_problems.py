@@ -1,4 +1,4 @@
-"""Protocols of problems, solvers and smoothers."""
+"""Protocols of problems, solvers, estimators and smoothers."""
 
 from __future__ import annotations
 
@@ -51,6 +51,37 @@ class ProblemKind(Protocol):
     @classmethod
     def example(cls, mesh: Mesh) -> Self:
         """Return a small problem on the given mesh, with exactly one solution, for tests of solvers."""
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """Component that estimates the error of a solution in each cell, for :func:`agglo_core.adapt`.
+
+    ``accepts`` lists the supported problem kinds. The estimate of the whole error is the root of the sum of
+    squared indicators. The optional method ``terms(solution)`` returns parts of the indicators ``(n_cells,)``
+    by name; ``oscillation`` among them is the share due to data that the discretisation cannot represent.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.protocols import Estimator
+    >>> class Steepness:
+    ...     accepts = ("diffusion",)
+    ...
+    ...     def indicate(self, solution):
+    ...         slopes = solution.gradient(solution.mesh.cell_centroids)
+    ...         return solution.mesh.cell_measures * np.linalg.norm(slopes, axis=1)
+    >>> isinstance(Steepness(), Estimator)
+    True
+    >>> solution = agglo.solve(agglo.samples.squares(4), agglo.Diffusion(source=8.0))
+    >>> Steepness().indicate(solution).shape
+    (16,)
+    """
+
+    accepts: tuple[str, ...]
+
+    def indicate(self, solution: Solution) -> Float:
+        """Return the estimated error ``(n_cells,)`` of a solution in each cell of its mesh, not negative."""
 
 
 @runtime_checkable

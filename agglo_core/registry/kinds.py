@@ -118,6 +118,14 @@ _RECORDS = (
         {"accepts": tuple},
     ),
     Kind(
+        "estimator",
+        "estimates the error of a solution in each cell",
+        ("indicate",),
+        ("deterministic", "3d", "pickles"),
+        ("general", "estimator", "whole", "promises"),
+        {"accepts": tuple},
+    ),
+    Kind(
         "smoother",
         "damps the rough part of the error on a multigrid level",
         ("setup",),

@@ -41,6 +41,7 @@ from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.solver.choose import choose
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.derivatives import cell_integrals
+from agglo_polydg_mg.space.projection import transfer
 from agglo_polydg_mg.space.sampling import evaluate, gradient, quadrature, samples_of
 
 Kept = tuple[Any, Float, EnergyNorm | None]
@@ -233,6 +234,13 @@ class PolyDG:
     def integrals(self, mesh: Mesh, x: Float) -> Float:
         """Integrate a discrete function over each cell ``(n_cells,)``."""
         return cell_integrals(self.basis(mesh), x)
+
+    def transfer(self, mesh: Mesh, x: Float, other: Mesh, pairs: Int) -> Float:
+        """Project a discrete function onto another mesh, and return its coefficients there.
+
+        See :func:`~agglo_polydg_mg.space.projection.transfer`.
+        """
+        return transfer(self.basis(mesh), x, self.basis(other), pairs)
 
     def fluxes(self, problem: Problem, mesh: Mesh, x: Float) -> Float:
         """Return the numerical flux through each face ``(n_faces,)``, outward of the face's first cell.

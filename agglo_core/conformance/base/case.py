@@ -30,6 +30,7 @@ class Case:
     metric            ``(mesh, labels)``
     solver            ``(problem, hierarchy)``
     discretisation    ``(problem, mesh)``
+    estimator         ``(solution,)``
     format            ``(mesh, suffix)``
     sample            none
     problem           ``(mesh,)``

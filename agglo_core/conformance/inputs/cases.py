@@ -35,7 +35,7 @@ ON_GRAPHS = ("bisector", "refiner", "fixer")
 SIBLINGS = (*ON_GRAPHS, "metric", "solver", "smoother")
 """Kinds with cases on different meshes of equal size."""
 
-_ABOUT_MESHES = ("format", "problem", "discretisation", "constraint", "section")
+_ABOUT_MESHES = ("format", "problem", "discretisation", "estimator", "constraint", "section")
 
 
 def cases(kind: str) -> list[Case]:

@@ -1,4 +1,4 @@
-"""Test cases on whole meshes: for formats, problems, discretisations, constraints and report sections."""
+"""Test cases on whole meshes: for formats, problems, discretisations, estimators and more."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from agglo_core.conformance.inputs.drawn import PLANE, DrawnMesh
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.measure import RunResult, measure_levels
 from agglo_core.mesh import Mesh
-from agglo_core.problems import Diffusion
+from agglo_core.problems import Diffusion, Problem, Solution, solve
 
 TAG = "region"
 """Name of the tag in cases for formats, which have it on cells, and constraints, also on faces."""
@@ -90,9 +90,16 @@ def _case_on(kind: str, mesh: Mesh) -> Case:
         arguments = (tag_cells_and_faces(mesh), bands(mesh, 3))
     elif kind == "discretisation":
         arguments = (Diffusion(source=lambda x: 1.0 + x[:, 0]), mesh)
+    elif kind == "estimator":
+        arguments = (solved(Diffusion(source=lambda x: 1.0 + x[:, 0]), mesh),)
     elif kind == "section":
         return report_case(mesh)
     return Case(mesh.name, tuple(arguments))
+
+
+def solved(problem: Problem, mesh: Mesh) -> Solution:
+    """Return the solution by elimination, which has no error of iteration."""
+    return solve(mesh, problem, "direct")
 
 
 def report_case(mesh: Mesh, unsafe: str = UNSAFE, *, completed: bool = True) -> Case:

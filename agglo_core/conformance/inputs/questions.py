@@ -38,8 +38,8 @@ from agglo_core.graph import Graph
 from agglo_core.problems import Solution
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
-_CHOOSY = ("solver", "discretisation", "format", "constraint")
-_IN_ARRAYS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother", "coarse_solver")
+_CHOOSY = ("solver", "discretisation", "estimator", "format", "constraint")
+_IN_ARRAYS = ("bisector", "refiner", "fixer", "metric", "solver", "estimator", "smoother", "coarse_solver")
 _OWN_PROBLEMS = ("diffusion", "linear")
 _FEW = 10  # drawn cases of laws that compare several calls
 

@@ -30,6 +30,8 @@ _REFUSING = {
     "listed in its attribute accepts",
     "discretisation": "it refuses every problem: it must accept Diffusion problems, or the kinds listed in "
     "its attribute accepts",
+    "estimator": "it refuses every solution: it must accept solutions of the Diffusion problems that the "
+    "solver direct returns",
     "format": (
         "it refuses to write every mesh, even plain triangles: raise an AggloError only for data that the "
         "format cannot store"
@@ -139,7 +141,7 @@ def surroundings_kept(subject: Subject) -> None:
 
 @law(*ASKED)
 def answers(subject: Subject) -> None:
-    """Every test mesh gives a result (solvers, discretisations, formats and constraints may refuse some)."""
+    """Every test mesh gives a result (some kinds may refuse some)."""
     test_cases = questions(subject)
     require(
         test_cases or subject.kind not in _REFUSING or _only_reads(subject), _REFUSING.get(subject.kind, "")

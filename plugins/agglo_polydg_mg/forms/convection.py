@@ -71,7 +71,7 @@ def inflow_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Callabl
         return None
     rule = rule_of(basis, boundary.dirichlet)
     owner = mesh.face_cells[rule.faces, 0]
-    weights = rule.weights * np.maximum(-_normal_speed(mesh, b, rule), 0.0)
+    weights = rule.weights * np.maximum(-normal_speed(mesh, b, rule), 0.0)
     tests = _traces(basis, rule, owner)
 
     def load(g: Float) -> Float:
@@ -130,7 +130,7 @@ def _add_faces(basis: Basis, b: Any, boundary: Boundary, blocks: Float) -> None:
     batch = max(1, _NUMBERS // (4 * m * (m + basis.degree + 2)))
     for first in range(0, len(chosen), batch):
         rule = face_rule(mesh, frozen_int(chosen[first : first + batch]), basis.degree + 2)
-        speed, cells = _normal_speed(mesh, b, rule), mesh.face_cells[rule.faces]
+        speed, cells = normal_speed(mesh, b, rule), mesh.face_cells[rule.faces]
         beyond = cells[:, 1] >= 0
         traces = [_traces(basis, rule, cells[:, 0]), _traces(basis, rule, np.where(beyond, cells[:, 1], 0))]
         # Side k is inside, 1 − k beyond its inflow boundary
@@ -157,7 +157,7 @@ def _places(basis: Basis, faces: Int, row: int, column: int) -> Any:
     return slots[sides, np.abs(row - turned), np.abs(column - turned)]
 
 
-def _normal_speed(mesh: Mesh, b: Any, rule: FaceRule) -> Float:
+def normal_speed(mesh: Mesh, b: Any, rule: FaceRule) -> Float:
     """Return b·n ``(t, q)`` outward from the owners, with the mean of cell values on both sides."""
     if callable(b):
         values = b(rule.points.reshape(-1, mesh.dim) + mesh.origin).reshape(rule.points.shape)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -13,8 +13,8 @@ from agglo_core.fields.boundary import boundary_values
 from agglo_core.fields.coefficients import positive
 from agglo_core.fields.tensors import Tensor
 from agglo_polydg_mg.forms.assembly import jump_penalty
-from agglo_polydg_mg.forms.boundary import boundary_faces, natural_values, robin_alpha
-from agglo_polydg_mg.forms.face_quadrature import face_rule, on_both_sides, on_pieces
+from agglo_polydg_mg.forms.boundary import Boundary, boundary_faces, natural_values, robin_alpha
+from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule, on_both_sides, on_pieces
 from agglo_polydg_mg.forms.norms import offset_of
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.space.basis import Basis
@@ -41,10 +41,8 @@ def fluxes(basis: Basis, mesh: Mesh, x: Float, problem: Diffusion, penalty: Pena
     penalty : float, "paper" or "sharp"
         Jump penalty of the discretisation.
     """
-    kappa = positive(basis.mesh, problem.kappa)
-    sigma = jump_penalty(basis, kappa, penalty, boundary_faces(basis.mesh, problem).natural)
-    offset = offset_of(basis, problem)
-    state = _State(basis, basis.coefficients(x - basis.constants(offset)), offset, kappa, problem)
+    state = State.of(basis, x, problem)
+    sigma = jump_penalty(basis, state.kappa, penalty, boundary_faces(basis.mesh, problem).natural)
     return on_edges(basis.mesh, mesh, partial(_through_faces, state), sigma)
 
 
@@ -76,7 +74,7 @@ def on_edges(merged: Mesh, mesh: Mesh, through: Callable[[Mesh, Float], Float], 
     return frozen_float(values + (sign * shares * missing[side].T).T)
 
 
-class _State(NamedTuple):
+class State(NamedTuple):
     """Function with ``coefficients (n_cells, n_local)``, added to a constant ``offset (n_cells,)``."""
 
     basis: Basis
@@ -85,16 +83,67 @@ class _State(NamedTuple):
     kappa: Field | Tensor
     problem: Diffusion
 
+    @classmethod
+    def of(cls, basis: Basis, x: Float, problem: Diffusion) -> State:
+        """Return the function with coefficients ``x (n,)``, apart from the offset of the data."""
+        offset = offset_of(basis, problem)
+        coefficients = basis.coefficients(x - basis.constants(offset))
+        return cls(basis, coefficients, offset, positive(basis.mesh, problem.kappa), problem)
 
-def _through_faces(state: _State, mesh: Mesh, sigma: Float) -> Float:
+
+class Traces(NamedTuple):
+    """Traces of a function at the quadrature points of some faces.
+
+    Attributes
+    ----------
+    rule : FaceRule
+    kappa : (t, 2, q) float
+        n·κn on both sides, with the inner value twice at the boundary.
+    values : (t, q) float
+        The function in the first cell, without its constant offset.
+    slopes : (t, 2, q) float
+        Derivatives on both sides along κn / (n·κn), with n outward from the first cell; 0 outside.
+    jump : (t, q) float
+        First minus second value, or value minus Dirichlet data; the value itself on natural faces.
+    inner, fixed, free : (k,) int
+        Pieces between cells, with Dirichlet data, and with natural data.
+    """
+
+    rule: FaceRule
+    kappa: Float
+    values: Float
+    slopes: Float
+    jump: Float
+    inner: Int
+    fixed: Int
+    free: Int
+
+
+def _through_faces(state: State, mesh: Mesh, sigma: Float) -> Float:
     """Integrate the flux over all faces of a mesh ``(n_faces,)``, with the jump penalty ``sigma``."""
-    boundary, n = boundary_faces(mesh, state.problem), state.basis.degree + 2
+    boundary, result = boundary_faces(mesh, state.problem), np.zeros(mesh.n_faces)
+    for traces in traces_on_faces(state, mesh, boundary):
+        rule, kappa, inner = traces.rule, traces.kappa, traces.inner
+        # 1. Weights of derivative and jump: γ/2 and γ inside, κ at the boundary
+        mean = kappa[:, 0].copy()
+        mean[inner] *= kappa[inner, 1] / kappa[inner].sum(axis=1)
+        weight = mean.copy()
+        weight[inner] *= 2.0
+        flux = weight * sigma[rule.faces, None] * traces.jump - mean * traces.slopes.sum(axis=1)
+        # 2. Natural faces: α u − g
+        flux[traces.free] = natural_fluxes(state, mesh, boundary, traces)
+        result += np.bincount(rule.faces, (rule.weights * flux).sum(axis=1), mesh.n_faces)
+    return result
+
+
+def traces_on_faces(state: State, mesh: Mesh, boundary: Boundary) -> Iterator[Traces]:
+    """Yield the traces on all faces of a mesh, in batches of faces."""
     natural = np.zeros(mesh.n_faces, bool)
     natural[boundary.natural] = True
-    result = np.zeros(mesh.n_faces)
     for start in range(0, mesh.n_faces, _FACES):
         # 1. Quadrature points, and on both sides n·κn and the direction of the derivative: n, or κn / n·κn
         faces = frozen_int(np.arange(start, min(start + _FACES, mesh.n_faces)))
+        n = state.basis.degree + 2
         rule = face_rule(mesh, faces, n)
         on_faces = on_both_sides(mesh, state.kappa, faces, n)
         kappa, directions = on_pieces(on_faces.kappa, faces, rule), rule.normals[:, None, None]
@@ -107,31 +156,26 @@ def _through_faces(state: _State, mesh: Mesh, sigma: Float) -> Float:
         # 2. Normal derivatives and jumps: to the second cell, or to the Dirichlet data
         points = rule.points + (mesh.origin - state.basis.mesh.origin)
         values, slope = _traces(state, first, points, directions[:, 0])
-        jump = values.copy()
-        others, slopes = _traces(state, second[inner], points[inner], directions[inner, 1])
+        jump, slopes = values.copy(), np.stack((slope, np.zeros_like(slope)), axis=1)
+        others, slopes[inner, 1] = _traces(state, second[inner], points[inner], directions[inner, 1])
         jump[inner] -= others
-        slope[inner] += slopes
         part = rule.part(frozen_int(fixed))
         g = boundary_values(
             mesh, boundary.tags, state.problem.dirichlet, part.faces, part.points, "dirichlet"
         )
         jump[fixed] -= g - state.offset[first[fixed], None]
-        # 3. Weights of derivative and jump: γ/2 and γ inside, κ at the boundary
-        mean = kappa[:, 0].copy()
-        mean[inner] *= kappa[inner, 1] / kappa[inner].sum(axis=1)
-        weight = mean.copy()
-        weight[inner] *= 2.0
-        flux = weight * sigma[rule.faces, None] * jump - mean * slope
-        # 4. Natural faces: α u − g
-        part = rule.part(frozen_int(free))
-        alpha = robin_alpha(mesh, boundary, state.problem, part)
-        u = values[free] + state.offset[first[free], None]
-        flux[free] = alpha * u - natural_values(mesh, boundary, state.problem, part)
-        result += np.bincount(rule.faces, (rule.weights * flux).sum(axis=1), mesh.n_faces)
-    return result
+        yield Traces(rule, kappa, values, slopes, jump, *map(frozen_int, (inner, fixed, free)))
 
 
-def _traces(state: _State, cells: Int, points: Float, directions: Float) -> tuple[Float, Float]:
+def natural_fluxes(state: State, mesh: Mesh, boundary: Boundary, traces: Traces) -> Float:
+    """Return α u − g ``(k, q)`` on the pieces with natural data."""
+    part = traces.rule.part(traces.free)
+    u = traces.values[traces.free] + state.offset[mesh.face_cells[part.faces, 0], None]
+    alpha = robin_alpha(mesh, boundary, state.problem, part)
+    return alpha * u - natural_values(mesh, boundary, state.problem, part)
+
+
+def _traces(state: State, cells: Int, points: Float, directions: Float) -> tuple[Float, Float]:
     """Return values and derivatives ``(t, q)`` in ``cells (t,)`` at ``points (t, q, d)``.
 
     ``directions`` are ``(t, 1, d)`` or ``(t, q, d)``.

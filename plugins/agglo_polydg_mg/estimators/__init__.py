@@ -1,0 +1,1 @@
+"""Error estimators for solutions of PolyDG."""
