@@ -29,6 +29,7 @@ from agglo_core.authoring import (
 from agglo_vem import forms
 from agglo_vem.local_spaces import Space
 from agglo_vem.monomials import derivatives, monomials
+from agglo_vem.transfer import prolongation
 
 _STEP: Final = 1e-3
 """Step of fourth-order differences of the exact solution, relative to |E|^(1/d): exact to about 1e-12."""
@@ -133,6 +134,13 @@ class VirtualElements:
             },
         )
         return self.assemble(coarse, mesh.coarsen(labels)).A
+
+    def prolongation(self, mesh: Mesh, labels: Int) -> Any:
+        """Return the matrix from the unknowns on agglomerates to those on the cells.
+
+        See :func:`~agglo_vem.transfer.prolongation`.
+        """
+        return prolongation(mesh, labels, self.degree)
 
     def project(self, mesh: Mesh, function: Field) -> Float:
         """Return the unknowns ``(n,)`` of a function's L2 projection.

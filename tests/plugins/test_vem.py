@@ -248,3 +248,22 @@ def test_multigrid_refuses_what_belongs_to_polydg() -> None:
         )
     with pytest.raises(OptionError, match="recipe 'patches' requires"):
         agglo.solve(mesh, sine(), discretisation="vem", recipe="patches")
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_prolongation_keeps_polynomials_and_unknowns_between_agglomerates(degree: int) -> None:
+    mesh, how = samples.voronoi(60, seed=2), VirtualElements(degree)
+    labels = agglo.agglomerate(mesh.graph, n_parts=9).levels[0]
+    coarse, u = mesh.coarsen(labels), polynomial(degree)[0]
+    P = how.prolongation(mesh, labels)
+    assert np.abs(P @ how.project(coarse, u) - how.project(mesh, u)).max() < 1e-10
+    outer = how.fixed_unknowns(sine(), mesh)
+    x = np.random.default_rng(0).normal(size=P.shape[1])
+    assert np.array_equal(np.sort((P @ x)[outer]), np.sort(x[how.fixed_unknowns(sine(), coarse)]))
+
+
+def test_prolongation_on_polyhedra_keeps_linear_functions() -> None:
+    mesh, u, how = samples.boxes(4), polynomial(1, 3)[0], VirtualElements()
+    labels = np.arange(64) // 8
+    error = how.prolongation(mesh, labels) @ how.project(mesh.coarsen(labels), u) - how.project(mesh, u)
+    assert np.abs(error).max() < 1e-10
