@@ -235,3 +235,10 @@ def test_the_top_of_the_core_is_folders() -> None:
     assert loose <= LOOSE
     folders = {file.parent.name for file in (ROOT / "agglo_core").glob("*/__init__.py")}
     assert folders | loose - {"__init__", "__main__", "authoring"} == set(MAY_IMPORT)
+
+
+def test_virtual_elements_import_authoring_alone() -> None:
+    """The second method is a plugin like any stranger's."""
+    own = [module for module in MODULES if module.startswith("agglo_vem")]
+    allowed = ("agglo_core.authoring", "agglo_vem")
+    report([f"{m}: {name}" for m in own for name in modules_imported(m) if not name.startswith(allowed)])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from polygon_meshes import PLANE, collapsing
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
@@ -20,51 +21,6 @@ from agglo_vem.virtual_elements import VirtualElements
 Array = NDArray[np.float64]
 
 
-def hexagons(n: int) -> Mesh:
-    """Hexagons in the unit square, without the cells that its boundary would cut."""
-    i, j = (each.ravel() for each in np.indices((n, n)))
-    around = np.array([(0, -2), (1, -1), (1, 1), (0, 2), (-1, 1), (-1, -1)])
-    corners = (np.stack((2 * i + j % 2, 3 * j), axis=1)[:, None] + around).reshape(-1, 2)
-    lattice, cells = np.unique(corners, axis=0, return_inverse=True)
-    points = (lattice - lattice.min(axis=0)) / np.ptp(lattice, axis=0)
-    return Mesh.from_polygons(points, cells.reshape(-1, 6))
-
-
-def arrows(n: int) -> Mesh:
-    """Squares cut by a broken line into a non-convex and a convex cell each."""
-    i, j = (each.ravel() for each in np.indices((n, n)))
-    corner = np.stack((i, j), axis=1)[:, None]
-    points, cells = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0.7, 0.3)]), []
-    for shape in ((0, 1, 2, 4), (0, 4, 2, 3)):
-        cells.append(corner + points[list(shape)])
-    flat = np.concatenate(cells).round(9)
-    unique, numbers = np.unique(flat.reshape(-1, 2), axis=0, return_inverse=True)
-    return Mesh.from_polygons(unique / n, numbers.reshape(-1, 4))
-
-
-def agglomerates(n: int) -> Mesh:
-    """Parts of about eight Voronoi cells."""
-    mesh = samples.voronoi(8 * n, seed=3)
-    return mesh.coarsen(agglo.agglomerate(mesh.graph, n_parts=n).levels[0])
-
-
-def slivers(n: int, height: float = 1e-3) -> Mesh:
-    """Rectangles, with rows whose height is a fraction of the others'."""
-    m = int(n**0.5)
-    x, rows = np.linspace(0.0, 1.0, m + 1), np.cumsum([0.0, *np.resize((1.0, height), m)])
-    points = np.stack(np.meshgrid(x, rows / rows[-1], indexing="ij"), axis=-1).reshape(-1, 2)
-    low = (np.arange(m)[:, None] * (m + 1) + np.arange(m)).ravel()
-    return Mesh.from_polygons(points, low[:, None] + [0, m + 1, m + 2, 1])
-
-
-PLANE: dict[str, Callable[[int], Mesh]] = {
-    "voronoi": lambda n: samples.voronoi(n, seed=1),
-    "random triangles": lambda n: samples.random_triangles(n, seed=2),
-    "agglomerates": agglomerates,
-    "hexagons": lambda n: hexagons(int(n**0.5)),
-    "non-convex": lambda n: arrows(int((n / 2) ** 0.5)),
-    "slivers": slivers,
-}
 SOLID: dict[str, Callable[[], Mesh]] = {
     "boxes": lambda: samples.boxes(3),
     "tetrahedra": lambda: samples.random_tetrahedra(60, seed=3),
@@ -172,12 +128,11 @@ def _source(x: Array) -> Array:
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_conditions_are_bounded_as_edges_collapse(degree: int) -> None:
-    """A vertex moves towards the next vertex of a quadrilateral."""
+    """A vertex moves towards the next vertex of its cell."""
     conditions = []
     for length in (1e-1, 1e-7):
-        points = np.array([(0, 0), (1, 0), (2, 0), (2, 1), (1 + length, 1), (1, 1), (0, 1)], float)
-        mesh = Mesh.from_polygons(points, [[0, 1, 5, 6], [1, 2, 3, 4, 5]])
-        A = VirtualElements(degree).assemble(Diffusion(reaction=1.0, neumann={0: 0.0}), mesh).A.toarray()
+        problem = Diffusion(reaction=1.0, neumann={0: 0.0})
+        A = VirtualElements(degree).assemble(problem, collapsing(length)).A.toarray()
         scale = 1.0 / np.sqrt(A.diagonal())
         conditions.append(np.linalg.cond(scale[:, None] * A * scale))
     assert conditions[1] < 30.0 * conditions[0]
