@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from agglo_core.cli.options.agglomeration import FILE
 from agglo_core.cli.options.numbers import Number
@@ -18,15 +19,17 @@ from agglo_core.cli.options.specs import choice
 from agglo_core.cli.output.console import explain_compilation, number, print_json, quieten, say
 from agglo_core.cli.output.files import Outputs, as_file_name
 from agglo_core.cli.output.stdout import OwnCommand
-from agglo_core.cli.output.tables import print_lines
-from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show, show_progress
+from agglo_core.cli.output.tables import print_lines, print_table
+from agglo_core.cli.runs import attempt, data, execute, refuse_all_failed, run_data, show, show_progress
 from agglo_core.errors import FileError, PluginError
 from agglo_core.progress import phase
 from agglo_core.registry import Record, default
 
 if TYPE_CHECKING:
+    from agglo_core.cli.solving.electrophysiology import Wave
     from agglo_core.measure.comparison import RunResult
     from agglo_core.mesh import Mesh
+    from agglo_core.problems.discretisation import Samples
     from agglo_core.progress import Listener
 
 _FIRST = ("kmeans", "metis")
@@ -49,11 +52,22 @@ _BOXES = 2
     show_default=True,
     help="Largest agglomerate diameter, relative to the brain's diameter.",
 )
+@click.option(
+    "--electrophysiology",
+    is_flag=True,
+    help="A wave of excitation on the section and on its agglomerates, with p = 1, 2, 3.",
+)
 @threads_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON with --json).")
 def demo(
-    output: Path, bisectors: Sequence[str], solid: bool, factor: float, as_json: bool, quiet: bool
+    output: Path,
+    bisectors: Sequence[str],
+    solid: bool,
+    factor: float,
+    electrophysiology: bool,
+    as_json: bool,
+    quiet: bool,
 ) -> int:
     """Agglomerate a coronal section of a human brain with every bisector, or with chosen bisectors.
 
@@ -61,9 +75,20 @@ def demo(
 
     The table compares bisectors at --diameter-fraction. Coarser levels have twice and four times this size.
     The folder receives report.html, pictures and meshes for ParaView. Files of an earlier demo are replaced.
+
+    With --electrophysiology, solve the monodomain equation on the triangles and on 700 agglomerates instead:
+    grey and white matter, and a conductivity tensor along synthetic fibres. The table has iterations and
+    time per step. The folder receives report.html, a picture, a film and the last states for ParaView.
     """
     if quiet:
         quieten()
+    if electrophysiology:
+        source = click.get_current_context().get_parameter_source("factor")
+        if bisectors or solid or source is not ParameterSource.DEFAULT:
+            raise click.UsageError(
+                "--electrophysiology cannot be combined with --bisector, --3d or --diameter-fraction"
+            )
+        return _electrophysiology(output, as_json, quiet)
     bisector_choices = {spec: choice("bisector", spec) for spec in bisectors or _bisectors(quiet, solid)}
     _check_folder(output)
     from agglo_core import samples
@@ -105,6 +130,91 @@ def demo(
         hint = f": open {page} in a browser" if page in outputs.written else ""
         print_lines(f"wrote {len(outputs.written)} files to {output}{hint}")
     return outputs.finish(listed=False)
+
+
+def _electrophysiology(folder: Path, as_json: bool, quiet: bool) -> int:
+    """Solve the monodomain equation on the section and on agglomerates, and write the results."""
+    _check_folder(folder)
+    from agglo_core import samples
+    from agglo_core.cli.solving import electrophysiology as model
+
+    if not quiet:
+        explain_compilation()
+    mesh, kappa = model.brain_tissue(samples.brain())
+    with show_progress(quiet) as progress:
+        run = execute(mesh, "kmeans", {"cells_per_part": 20, "regions": model.TISSUE}, progress=progress)
+        assert run.hierarchy is not None  # a failure is an exception
+        coarse, means = model.on_agglomerates(run.hierarchy, kappa)
+        meshes = {"triangles": (mesh, kappa), "agglomerates": (coarse, means)}
+        waves = [
+            model.wave(name, *meshes[name], degree, every, progress)
+            for degree, every in ((1, model.PICTURE), (2, model.PICTURE), (3, model.FRAME))
+            for name in meshes
+        ]
+        # Last states for ParaView, report, picture and film.
+        folder.mkdir(exist_ok=True)
+        outputs, page = Outputs(), folder / "report.html"
+        for wave in waves[-2:]:
+            file = folder / f"{wave.mesh}.vtu"
+            outputs.result(file, partial(wave.last.write, file))
+        costs = [f"{wave.name}: {wave.iterations:.1f} and {1e3 * wave.step_seconds:.0f} ms" for wave in waves]
+        note = f"{waves[0].steps} steps, with mean iterations and CPU time per step: {'; '.join(costs)}"
+        with phase(progress, "writing", page.name):
+            outputs.picture(page, lambda: _page(page, mesh, [run], note))
+        _wave_pictures(outputs, folder, waves, quiet, progress)
+    if as_json:
+        files = {"files": [str(file) for file in sorted(outputs.written, key=lambda file: file != page)]}
+        print_json(data(mesh, "brain", [wave.data() for wave in waves]) | files)
+    elif not quiet:
+        heads = ("mesh", "cells", "p", "unknowns", "iterations", "set-up s", "ms per step", "∫ u")
+        rows = [
+            [
+                wave.mesh,
+                *map(str, (wave.cells, wave.degree, wave.unknowns)),
+                f"{wave.iterations:.1f}",
+                f"{wave.setup_seconds:.2f}",
+                f"{1e3 * wave.step_seconds:.0f}",
+                f"{wave.integral:.0f}",
+            ]
+            for wave in waves
+        ]
+        title = f"monodomain equation, {waves[0].steps} steps to t = {model.T_END:g}, CPU time"
+        print_table(title, heads, rows)
+        print_lines(f"wrote {len(outputs.written)} files to {folder}")
+    return outputs.finish(listed=False)
+
+
+def _wave_pictures(
+    outputs: Outputs, folder: Path, waves: Sequence[Wave], quiet: bool, progress: Listener | None
+) -> None:
+    """Draw states of all waves at three times, and a film of the last wave."""
+    if not _can_draw(quiet):
+        return
+    from agglo_core.draw.states import draw_film, draw_states
+
+    times = list(waves[0].frames)
+    rows: dict[str, list[Samples]] = {}
+    for wave in waves:
+        rows.setdefault(f"p = {wave.degree}", []).extend(wave.frames[t] for t in times)
+    titles = [f"{wave.mesh}, t = {t:g}" for wave in waves[:2] for t in times]
+    ends = (0.0, 1.0)
+    picture, film = folder / "wave.png", folder / "wave.gif"
+    with phase(progress, "drawing", picture.name):
+        outputs.picture(picture, lambda: draw_states(picture, rows, titles, ends))
+    frames = {f"{waves[-1].name}, t = {t:g}": state for t, state in waves[-1].frames.items()}
+    with phase(progress, "drawing", film.name):
+        outputs.picture(film, lambda: draw_film(film, frames, ends))
+
+
+def _can_draw(quiet: bool) -> bool:
+    """Return True if matplotlib is installed, or print a note."""
+    installed = find_spec("matplotlib") is not None
+    if not installed and not quiet:
+        say(
+            "note: only report.html has pictures, because matplotlib is not installed: "
+            "pip install 'agglo[plot]'"
+        )
+    return installed
 
 
 def _bisectors(quiet: bool, solid: bool = False) -> list[str]:
@@ -167,12 +277,7 @@ def _pictures(
     progress: Listener | None,
 ) -> None:
     """Draw the box plots, the mesh, and the levels of each run, or print a note without matplotlib."""
-    if find_spec("matplotlib") is None:
-        if not quiet:
-            say(
-                "note: only report.html has pictures, because matplotlib is not installed: "
-                "pip install 'agglo[plot]'"
-            )
+    if not _can_draw(quiet):
         return
     from agglo_core.draw.boxplot import draw_boxes
     from agglo_core.draw.plot import draw, draw_mesh

@@ -13,7 +13,7 @@ import pytest
 from command_line import Agglo
 from vtu_by_hand import cell_data_of
 
-from agglo_core import io, samples
+from agglo_core import Mesh, agglomerate, io, samples
 from agglo_core.errors import MeshError
 from agglo_core.graph import Graph
 from agglo_core.registry import Component, default, hookimpl
@@ -177,6 +177,57 @@ def test_a_brain_in_voxels_with_tissues_apart(agglo: Agglo, monkeypatch: pytest.
     for labels in stored.levels:
         pairs = np.unique(np.stack((labels, tissue)), axis=1)
         assert pairs.shape[1] == labels.max() + 1
+
+
+def test_a_wave_of_excitation(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    square = samples.triangles(10)
+    section = Mesh.from_polygons(60.0 * square.points - (70.0, 20.0), square.cells, name="section")
+    monkeypatch.setattr(samples, "brain", lambda: section)
+    model = importlib.import_module("agglo_core.cli.solving.electrophysiology")
+    monkeypatch.setattr(model, "T_END", 20.0)
+    monkeypatch.setattr(model, "PICTURE", 10.0)
+    code, out, _ = agglo("demo", "--electrophysiology", "--json")
+    assert code == 0
+    data = json.loads(out)
+    assert [Path(file).name for file in data["files"]] == [
+        "report.html", "triangles.vtu", "agglomerates.vtu", "wave.png", "wave.gif"
+    ]  # fmt: skip
+    assert all(Path(file).is_file() for file in data["files"])
+    runs = data["runs"]
+    assert [(run["mesh"], run["degree"]) for run in runs] == [
+        (mesh, degree) for degree in (1, 2, 3) for mesh in ("triangles", "agglomerates")
+    ]
+    assert all(run["steps"] == 20 and run["iterations"] < 10 for run in runs)
+    assert [run["unknowns"] for run in runs] == [
+        run["cells"] * (run["degree"] + 1) * (run["degree"] + 2) // 2 for run in runs
+    ]
+    assert all(run["integral"] > 50.0 for run in runs)  # mm²
+
+
+def test_conductivity_is_larger_along_fibres_of_white_matter() -> None:
+    model = importlib.import_module("agglo_core.cli.solving.electrophysiology")
+    square = samples.triangles(10)
+    section = Mesh.from_polygons(60.0 * square.points, square.cells)
+    mesh, kappa = model.brain_tissue(section)
+    eigenvalues, directions = np.linalg.eigh(kappa)
+    white = mesh.cell_tags["tissue"] == 2
+    assert set(mesh.cell_tags["tissue"]) == {1, 2}
+    np.testing.assert_allclose(eigenvalues[~white], 3.0)
+    np.testing.assert_allclose(eigenvalues[white], np.broadcast_to([3.0, 15.0], (white.sum(), 2)))
+    left = white & (abs(mesh.cell_centroids[:, 1] - 30.0) < 4.0) & (mesh.cell_centroids[:, 0] < 15.0)
+    assert left.any()
+    assert (abs(directions[left, 0, 1]) > 0.9).all()  # towards the nearest side
+    hierarchy = agglomerate(mesh, n_parts=60, regions="tissue")
+    coarse, means = model.on_agglomerates(hierarchy, kappa)
+    np.testing.assert_allclose(coarse.cell_measures @ means[:, 0, 1], mesh.cell_measures @ kappa[:, 0, 1])
+
+
+def test_the_wave_takes_no_options_of_the_other_demo(agglo: Agglo) -> None:
+    for more in (["--3d"], ["--bisector", "kmeans"], ["--diameter-fraction", "0.2"]):
+        code, _, err = agglo("demo", "--electrophysiology", *more)
+        assert code == 2
+        assert "--electrophysiology cannot be combined with --bisector, --3d or --diameter-fraction" in err
 
 
 def test_bisectors_of_the_plane_are_left_out_of_a_solid(
