@@ -272,7 +272,7 @@ def _solve_and_refine(
             residuals.append(two_norm(r))
             # Error: by the bound if that suffices, else by a solve.
             if bound is not None and b @ x >= 0.0:
-                error = size_ratio(bound(r), fine.measure.energy(x))
+                error, energy = size_ratio(bound(r), fine.measure.energy(x)), True
         if not (size <= tolerance and error <= tolerance):
             correction = solves(r)
             error, energy = _error(fine, x, r, correction, has_energy)
