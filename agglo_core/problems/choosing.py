@@ -132,8 +132,10 @@ def require_accepted(solver: object, problem: Problem, name: str = "") -> None:
     if isinstance(accepts, str):
         raise PluginError(f"{title}: accepts is {accepts!r}, expected a tuple such as ('{accepts}',)")
     if accepts is not None and problem.kind not in accepts:
+        matrix = "; assemble it, and give Linear(system.A, system.b, near_null=system.near_null)"
         raise OptionError(
             f"{title} takes problems of kind {', '.join(accepts)}; given one of kind {problem.kind}"
+            + (matrix if "linear" in accepts else "")
         )
 
 

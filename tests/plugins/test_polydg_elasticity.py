@@ -12,7 +12,8 @@ from scipy.linalg import eigh
 
 import agglo_core as agglo
 from agglo_core import AggloError, Elasticity, Mesh, OptionError, samples
-from agglo_core.problems import read_problem
+from agglo_core.problems import read_problem, require_accepted
+from agglo_petsc.solver.petsc_multigrid import PetscMultigrid
 from agglo_polydg_mg.elasticity.discretisation import PolyDGElasticity
 from agglo_polydg_mg.elasticity.forms import cell_blocks, matrix
 from agglo_polydg_mg.elasticity.levels import exact_for_linear
@@ -542,5 +543,23 @@ def test_options_without_meaning_are_refused() -> None:
         agglo.solve(mesh, Elasticity(), "direct", penalty=7.0)
     with pytest.raises(OptionError, match="recipe 'patches'"):
         agglo.solve(mesh, Elasticity(force=(0.0, 1.0)), recipe="patches")
-    with pytest.raises(OptionError, match="elasticity"):
-        agglo.solve(agglo.agglomerate(mesh, n_parts=3), Elasticity(), "multigrid")
+
+
+def test_solvers_of_matrices_name_the_way_to_them() -> None:
+    """The assembled system, with rigid motions, is solved by them."""
+    mesh, problem = samples.squares(16), Elasticity(force=(0.0, -1.0))
+    hierarchy = agglo.agglomerate(mesh, n_parts=(64, 8))
+    for refuse in (
+        lambda: agglo.solve(hierarchy, problem, "multigrid"),
+        lambda: require_accepted(PetscMultigrid, problem, "petsc_mg"),
+    ):
+        with pytest.raises(OptionError, match="kind elasticity; assemble it, and give Linear") as caught:
+            refuse()
+        assert "near_null=system.near_null" in str(caught.value)
+    with pytest.raises(OptionError, match="on a distributed mesh petsc_mg takes problems of kind diffusion"):
+        PetscMultigrid().solve_across(problem, hierarchy)
+    system = PolyDGElasticity(1).assemble(problem, mesh)
+    linear = agglo.Linear(system.A, system.b, near_null=system.near_null)
+    solution, expected = agglo.solve(hierarchy, linear, "multigrid"), agglo.solve(mesh, problem)
+    assert solution.converged
+    np.testing.assert_allclose(solution.x, expected.x, atol=1e-5 * np.abs(expected.x).max())

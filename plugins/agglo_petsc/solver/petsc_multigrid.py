@@ -201,7 +201,8 @@ class PetscMultigrid:
         """
         if not isinstance(problem, Diffusion):
             raise OptionError(
-                f"a {problem.kind} problem cannot be solved on a distributed mesh; expected Diffusion"
+                "on a distributed mesh petsc_mg takes problems of kind diffusion; given one of kind "
+                f"{problem.kind}"
             )
         if self.coarsening == "matrix":
             raise OptionError("coarsening 'matrix' needs one rank; use 'agglomerates' on several")
