@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -172,42 +172,13 @@ def choose(
             "recipe 'agglomerates' is for linear systems and 3-D meshes; for diffusion in 2-D use "
             "recipe='auto'"
         )
-    # 1. Measure mesh and coefficient
-    faces_per_cell = np.diff(mesh.cell_faces[0])
-    most_faces = int(faces_per_cell.max())
-    strong = strong_part(mesh, sigma)
-    contrast = float(kappa.max() / kappa.min())
-    varies = contrast > _SMOOTH
-    flat = 0.0
-    recipe: Any = "conforming"
-    smoother: Any = "cells"
-    # 2. Choose by the table
-    if mesh.dim == 2:
-        polygons = most_faces > _QUADRILATERAL
-        few_polygons = bool(np.mean(faces_per_cell > _QUADRILATERAL) < 0.5)
-        bad, layers = strong > _BAD, few_polygons and weak_part(mesh, sigma) > _LAYERS
-        aggregates = degree == 1 and not (bad or layers or varies)
-        cycle: Any = "W" if aggregates else "V"
-        bubbles = bad or not polygons
-        if bad or (degree > 2 and (polygons or strong > _UNEASY)):
-            smoother = "patches" if degree > 1 else "groups"
-        if not few_polygons:
-            flat = flat_part(mesh, _FLAT[2] * (0.1 if varies else 1.0), _FLAT_CELLS)
-        if flat > _FLAT_CELLS:
-            recipe = "patches"
-    else:
-        polygons = bool(np.mean(faces_per_cell > _HEXAHEDRON) > 0.5)
-        bad, layers = strong > _BAD if polygons else strong > _BAD_SOLID or varies, False
-        flat = flat_part(mesh, _FLAT[3])
-        bad = bad or flat > _FLAT_CELLS
-        aggregates = not varies
-        cycle = "W" if degree == 1 and most_faces == _TETRAHEDRON else "V"
-        bubbles = not polygons
-        recipe = "patches" if bad else "agglomerates" if polygons else "conforming"
-        smoother = "patches" if bad else "cells"
-        if flat > _FLAT_CELLS and not polygons and columns(mesh)[1] <= _CUT:
-            recipe, smoother, cycle, aggregates = "conforming", "groups", "V", True
-    # 3. Apply the user's choices
+    # 1. Choose by the table, from mesh and coefficient
+    strong, contrast = strong_part(mesh, sigma), float(kappa.max() / kappa.min())
+    row = _row_in_plane if mesh.dim == 2 else _row_of_solids
+    recipe, smoother, cycle, bubbles, aggregates, layers, flat = row(
+        mesh, sigma, strong, contrast > _SMOOTH, degree
+    )
+    # 2. Apply the user's choices
     if overrides.recipe != "auto":
         recipe = overrides.recipe
     if recipe != "conforming":
@@ -216,15 +187,16 @@ def choose(
         cycle = overrides.cycle
     elif recipe == "patches":
         cycle = "W"
-    # 4. Choose the precision
+    # 3. Choose the precision
     in_range = diagonal is None or (diagonal.min() > _SINGLE[0] and diagonal.max() < _SINGLE[1])
     single = contrast <= _CONTRAST and in_range
     if overrides.precision != "auto":
         single = overrides.precision == "single"
     dtype: Any = np.float32 if single else np.float64
-    # 5. Describe the plan in words
+    # 4. Describe the plan in words
     coarse = "continuous space and " + ("its aggregates" if aggregates else "classical levels")
     levels = coarse if recipe == "conforming" else "smoothed agglomerates"
+    most_faces = int(np.diff(mesh.cell_faces[0]).max())
     details = f"{100 * strong:.0f} % strong faces, at most {most_faces} faces a cell"
     if flat > _FLAT_CELLS:
         details += f", {100 * flat:.0f} % flat cells"
@@ -241,3 +213,44 @@ def choose(
         f"{levels}, {smoother}, {cycle}-cycle, {np.dtype(dtype).name} ({details})",
         "solids" if mesh.dim == 3 else kind,
     )
+
+
+class _Row(NamedTuple):
+    """Row of the table for a mesh: fields of the plan, and the fraction of flat cells."""
+
+    recipe: Any
+    smoother: Any
+    cycle: Any
+    bubbles: bool
+    aggregates: bool
+    layers: bool
+    flat: float
+
+
+def _row_in_plane(mesh: Mesh, sigma: Float, strong: float, varies: bool, degree: int) -> _Row:
+    """Return the row of the table for a 2-D mesh."""
+    faces_per_cell = np.diff(mesh.cell_faces[0])
+    polygons = bool(faces_per_cell.max() > _QUADRILATERAL)
+    few_polygons = bool(np.mean(faces_per_cell > _QUADRILATERAL) < 0.5)
+    bad, layers = strong > _BAD, few_polygons and weak_part(mesh, sigma) > _LAYERS
+    aggregates = degree == 1 and not (bad or layers or varies)
+    smoother = "cells"
+    if bad or (degree > 2 and (polygons or strong > _UNEASY)):
+        smoother = "patches" if degree > 1 else "groups"
+    flat = 0.0 if few_polygons else flat_part(mesh, _FLAT[2] * (0.1 if varies else 1.0), _FLAT_CELLS)
+    recipe = "patches" if flat > _FLAT_CELLS else "conforming"
+    return _Row(recipe, smoother, "W" if aggregates else "V", bad or not polygons, aggregates, layers, flat)
+
+
+def _row_of_solids(mesh: Mesh, sigma: Float, strong: float, varies: bool, degree: int) -> _Row:
+    """Return the row of the table for a 3-D mesh."""
+    faces_per_cell = np.diff(mesh.cell_faces[0])
+    polyhedra = bool(np.mean(faces_per_cell > _HEXAHEDRON) > 0.5)
+    flat = flat_part(mesh, _FLAT[3])
+    if flat > _FLAT_CELLS and not polyhedra and columns(mesh)[1] <= _CUT:
+        return _Row("conforming", "groups", "V", True, True, False, flat)
+    bad = strong > _BAD if polyhedra else strong > _BAD_SOLID or varies
+    bad = bad or flat > _FLAT_CELLS
+    recipe = "patches" if bad else "agglomerates" if polyhedra else "conforming"
+    cycle = "W" if degree == 1 and faces_per_cell.max() == _TETRAHEDRON else "V"
+    return _Row(recipe, "patches" if bad else "cells", cycle, not polyhedra, not varies, False, flat)
