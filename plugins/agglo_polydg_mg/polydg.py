@@ -135,12 +135,12 @@ class PolyDG:
         The constants come from the Dirichlet data. If an earlier problem on the mesh left its :meth:`basis`
         and ``units``, both save the purely geometric work. If its matrix is equal, it may be ``kept``.
         """
-        asked, basis = _diffusion(problem), basis or self.basis(mesh)
-        require_consistent(mesh, asked, self.degree)
+        diffusion, basis = _diffusion(problem), basis or self.basis(mesh)
+        require_consistent(mesh, diffusion, self.degree)
         found = discretise_lifted(
             basis.mesh,
             self.degree,
-            asked,
+            diffusion,
             penalty=self.penalty,
             basis=basis,
             units=units,
@@ -287,9 +287,9 @@ class PolyDG:
 
     def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:
         """Return the load ``(n,)`` of source, Neumann and Robin data: b without Dirichlet terms."""
-        asked = _diffusion(problem)
-        floats = len(boundary_faces(mesh, asked).floating) > 0
-        return load(self.basis(mesh), asked) if asked.dirichlet or floats else b
+        diffusion = _diffusion(problem)
+        floats = len(boundary_faces(mesh, diffusion).floating) > 0
+        return load(self.basis(mesh), diffusion) if diffusion.dirichlet or floats else b
 
     def residual_measure(
         self,

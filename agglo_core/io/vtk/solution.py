@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -38,12 +39,8 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
     MeshError
         If files cannot hold a tag name.
     """
-    path = Path(path)
-    if path.suffix.lower() != ".vtu":
-        raise FileError(f"{path}: a solution can only be written as .vtu")
-    with name_in_errors(path), staging(path) as folder:
-        piece = solution_piece(samples, mesh.cell_tags, name=name)
-        write_document(folder / path.name, piece)
+    with _vtu_file(path, "a solution") as target:
+        write_document(target, solution_piece(samples, mesh.cell_tags, name=name))
 
 
 def write_fluxes(path: str | PathLike[str], mesh: Mesh, fluxes: Float) -> None:
@@ -60,9 +57,6 @@ def write_fluxes(path: str | PathLike[str], mesh: Mesh, fluxes: Float) -> None:
     MeshError
         If files cannot hold a tag name.
     """
-    path = Path(path)
-    if path.suffix.lower() != ".vtu":
-        raise FileError(f"{path}: fluxes can only be written as .vtu")
     first, second = mesh.face_cells.T
     whole, density = ("flux", "flux_density") if fluxes.ndim == 1 else ("force", "traction")
     data = {
@@ -76,10 +70,20 @@ def write_fluxes(path: str | PathLike[str], mesh: Mesh, fluxes: Float) -> None:
         "offsets": mesh.face_offsets[1:],
         "types": np.full(mesh.n_faces, _FACES[mesh.dim], np.uint8),
     }
-    with name_in_errors(path), staging(path) as folder:
+    with _vtu_file(path, "fluxes") as target:
         check_names(mesh.face_tags)
         named = under_free_names(data, mesh.face_tags) | dict(mesh.face_tags)
-        write_document(folder / path.name, Piece(mesh.points, cells, {}, named, kind="solution"))
+        write_document(target, Piece(mesh.points, cells, {}, named, kind="solution"))
+
+
+@contextmanager
+def _vtu_file(path: str | PathLike[str], content: str) -> Iterator[Path]:
+    """Yield the path to write a ``.vtu`` file to, which replaces ``path`` once it is complete."""
+    path = Path(path)
+    if path.suffix.lower() != ".vtu":
+        raise FileError(f"{path}: {content} can only be written as .vtu")
+    with name_in_errors(path), staging(path) as folder:
+        yield folder / path.name
 
 
 def solution_piece(

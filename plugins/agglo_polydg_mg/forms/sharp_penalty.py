@@ -67,7 +67,7 @@ def sharp_penalty(
     if natural is not None:
         penalised[natural] = False
     if units is not None and not callable(kappa) and not isinstance(kappa, Tensor):
-        requirements, resolved = units.asked(kappa, penalised)
+        requirements, resolved = units.requirements(kappa, penalised)
     else:
         assert blocks is not None
         ask = _plane_requirements if basis.mesh.dim == 2 else solid_requirements

@@ -95,7 +95,7 @@ class UnitForms:
         resolved = np.concatenate(over_ranges(write, mesh.n_cells, few=COSTLY))
         return frozen_float(forms), resolved
 
-    def asked(self, kappa: Field, held: np.ndarray) -> tuple[Float, np.ndarray]:
+    def requirements(self, kappa: Field, held: np.ndarray) -> tuple[Float, np.ndarray]:
         """Return the penalties that cells require on penalised faces for κ ``(n_cells,)``, and a cell mask.
 
         The mask is True for cells that are not too thin for the eigenvalue problem. The shapes are
