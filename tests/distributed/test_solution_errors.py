@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ from distributed.shared_meshes import shared
 from on_ranks import on_ranks
 
 from agglo_core import Mesh, samples
-from agglo_core.distributed import error_norms, with_second_layer
+from agglo_core.distributed import error_norms, with_second_layer, write_solution
 from agglo_core.errors import OptionError
+from agglo_core.io.vtk.xml_read import parse
 from agglo_core.problems import Diffusion, named_problem
 from agglo_core.registry import default
 
@@ -65,6 +67,24 @@ def compare() -> None:
 @pytest.mark.parametrize("size", [pytest.param(2, marks=pytest.mark.slow), 3])
 def test_norms_and_boundary_are_those_of_the_whole_mesh(size: int) -> None:
     on_ranks(size, compare, seconds=120)
+
+
+def write_slopes(path: str) -> None:
+    """Write the function x² + y² on ranks, and compare the gradients in each piece with its centroids."""
+    mesh = samples.voronoi(60, seed=3)
+    whole, how = shared(mesh), default().build("discretisation", "polydg", degree=2)
+    x = how.project(mesh, lambda points: (points**2).sum(axis=1))
+    own = x.reshape(mesh.n_cells, -1)[whole.global_ids[whole.own]]
+    write_solution(path, whole, how, own.ravel())
+    piece = Path(path).with_suffix("") / f"{Path(path).stem}_{whole.ranks.rank}.vtu"
+    document = parse(piece.read_bytes())
+    found = {each.get("Name"): document.array(each, 1 << 20) for each in document.root.iter("DataArray")}
+    corners = found["Points"].reshape(-1, 3)[found["connectivity"].reshape(-1, 3)]
+    np.testing.assert_allclose(found["gradient"].reshape(-1, 3), 2.0 * corners.mean(axis=1), atol=1e-9)
+
+
+def test_each_piece_of_a_solution_has_the_gradients_of_its_cells(tmp_path: Path) -> None:
+    on_ranks(2, write_slopes, str(tmp_path / "u.pvtu"), seconds=120)
 
 
 def test_what_is_not_on_the_boundary_is_not_looked_at() -> None:

@@ -98,13 +98,18 @@ def _of_own_cells(samples: Samples, mesh: DistributedMesh) -> Samples:
     """Return the samples on the cells owned by this rank."""
     is_own = (mesh.owners == mesh.ranks.rank)[samples.cells]
     number = np.cumsum(is_own) - 1
-    simplices = samples.simplices[is_own[samples.simplices[:, 0]]]
+    kept = is_own[samples.simplices[:, 0]]
+    gradients, stresses = (
+        None if each is None else each[kept] for each in (samples.gradients, samples.stresses)
+    )
     return replace(
         samples,
         cells=frozen_int(samples.cells[is_own]),
         points=samples.points[is_own],
-        simplices=frozen_int(number[simplices]),
+        simplices=frozen_int(number[samples.simplices[kept]]),
         values=samples.values[is_own],
+        gradients=gradients,
+        stresses=stresses,
     )
 
 
