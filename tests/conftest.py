@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -18,6 +19,10 @@ from hypothesis import HealthCheck, settings
 
 from agglo_core import Mesh
 from agglo_core.compiled import ahead_of_time
+
+# Without byte code each worker and process would compile all sources again.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 ahead_of_time._MOST_BESIDE = 0  # short commands would end other processes before a kernel is compiled
 
