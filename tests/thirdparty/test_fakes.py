@@ -108,13 +108,19 @@ def test_a_twin_alone_is_in_nobodys_way(zoo: Path, tmp_path: Path, monkeypatch: 
 
 
 @pytest.fixture(scope="module")
-def verdicts(zoo: Path) -> Mapping[str, list[list[Any]]]:
-    """Laws, whether they hold, and the messages, for each of the misbehaving."""
+def first_messages(zoo: Path) -> Mapping[str, str | None]:
+    """Message of the first law that each of the misbehaving breaks."""
     source = f"""
 import json
-from agglo_core.conformance import check
-results = {{name: check(name) for name in {[fake.name for fake in MISBEHAVING]}}}
-print(json.dumps({{name: [(r.law, r.passed, r.message) for r in each] for name, each in results.items()}}))
+from agglo_core.conformance.base.subject import subject_of
+from agglo_core.conformance.engine.judging import judge, laws_for
+
+def first_message(name):
+    subject = subject_of(name)
+    results = (judge(law, subject) for law in laws_for(subject))
+    return next((result.message for result in results if not result.passed), None)
+
+print(json.dumps({{name: first_message(name) for name in {[fake.name for fake in MISBEHAVING]}}}))
 """
     done = subprocess.run(
         [sys.executable, "-c", source], capture_output=True, text=True, env=environment(zoo), check=False
@@ -124,10 +130,8 @@ print(json.dumps({{name: [(r.law, r.passed, r.message) for r in each] for name, 
 
 
 @pytest.mark.parametrize("fake", MISBEHAVING, ids=lambda fake: fake.name)
-def test_the_suite_finds_what_is_wrong(verdicts: Mapping[str, list[list[Any]]], fake: Fake) -> None:
-    failed = {law: message for law, passed, message in verdicts[fake.name] if not passed}
-    assert failed
-    assert all(failed.values())
+def test_the_suite_finds_what_is_wrong(first_messages: Mapping[str, str | None], fake: Fake) -> None:
+    assert first_messages[fake.name]
 
 
 def test_a_component_that_hangs_is_stopped(zoo: Path, tmp_path: Path) -> None:

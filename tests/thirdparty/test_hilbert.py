@@ -109,9 +109,22 @@ def test_the_command_line_checks_it(answers: Mapping[str, Answer]) -> None:
 
 
 def test_its_own_tests_pass_away_from_the_source_tree(hilbert: Path, tmp_path: Path) -> None:
+    """All laws of the refiner and the metric; the command line has checked the bisector."""
     shutil.copy(Path(__file__).parent / "agglo-hilbert/tests/test_conformance.py", tmp_path)
+    chosen = "leaves or gyration or is_found or answers"
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-v", "-p", "no:cacheprovider", "--rootdir", str(tmp_path)],
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-v",
+            "-k",
+            chosen,
+            "-p",
+            "no:cacheprovider",
+            "--rootdir",
+            str(tmp_path),
+        ],
         capture_output=True,
         text=True,
         env=environment(hilbert),
