@@ -257,18 +257,14 @@ def test_what_a_damaged_file_holds_is_compiled_anew(tmp_path: Path, damage: str)
 
 @pytest.mark.slow
 def test_runs_with_damaged_files_of_kernels_print_the_same(tmp_path: Path) -> None:
-    whole, damaged, answers = tmp_path / "whole", tmp_path / "damaged", set()
+    cache, answers = tmp_path / "cache", set()
     rng = np.random.default_rng(1)
-    for trial in range(11):
-        cache = whole if trial == 0 else damaged
-        if trial > 0:
-            shutil.rmtree(damaged, ignore_errors=True)
-            shutil.copytree(whole, damaged)
-            files = sorted(damaged.rglob("*.nbc"))
+    for damage in (None, *DAMAGES.values()):
+        if damage:  # to two files, which the run before has mended
+            files = sorted(cache.rglob("*.nbc"))
             assert len(files) > 6
-            for file in rng.choice(len(files), 3, replace=False):
+            for file in rng.choice(len(files), 2, replace=False):
                 data = files[file].read_bytes()
-                damage = list(DAMAGES.values())[rng.integers(len(DAMAGES))]
                 files[file].write_bytes(damage(data, rng.integers(max(1, len(data) - 64))))
         run = subprocess.run(
             [sys.executable, "-c", SMALL_KERNELS],
