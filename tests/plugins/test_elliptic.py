@@ -35,7 +35,7 @@ MESHES: dict[str, Callable[[], Mesh]] = {
     "voronoi": lambda: samples.voronoi(40, seed=1),
     "random triangles": lambda: samples.random_triangles(40, seed=2),
     "agglomerates": lambda: agglomerated(12),
-    "tetrahedra": lambda: samples.random_tetrahedra(60, seed=3),
+    "tetrahedra": lambda: samples.random_tetrahedra(20, seed=3),
 }
 
 
@@ -231,7 +231,7 @@ def flux(kappa: float, axis: int, sign: float) -> float:
 BOXES: dict[str, Callable[[], Mesh]] = {
     "voronoi": lambda: sides(samples.voronoi(40, seed=1)),
     "random triangles": lambda: sides(samples.random_triangles(60, seed=2)),
-    "tetrahedra": lambda: sides(samples.random_tetrahedra(60, seed=3)),
+    "tetrahedra": lambda: sides(samples.random_tetrahedra(20, seed=3)),
 }
 
 
@@ -444,7 +444,7 @@ def test_neumann_data_alone_take_few_more_iterations(recipe: str, degree: int) -
 
 
 def test_neumann_data_alone_on_polyhedra() -> None:
-    mesh = samples.random_tetrahedra(400, seed=1)
+    mesh = samples.random_tetrahedra(100, seed=1)
     problem = Diffusion(source=0.0, neumann={0: around}, exact=lambda x: x[:, 0] - 0.5)
     for solver in ("direct", "polydg_mg"):
         solution = agglo.solve(mesh, problem, solver=solver, tolerance=1e-11, degree=1)
@@ -706,7 +706,7 @@ def test_solvers_accept_tensors(solver: str) -> None:
 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_polyhedra_with_tensors_are_solved(degree: int) -> None:
-    mesh = samples.random_tetrahedra(300, seed=2)
+    mesh = samples.random_tetrahedra(100, seed=2)
     for ratio in (1.0, 1e-2):
         problem = Diffusion(rotated(0.7, ratio, 3), 0.0, {0: linear}, exact=linear)
         solution = agglo.solve(mesh, problem, degree=degree, tolerance=1e-10)
