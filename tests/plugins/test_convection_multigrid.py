@@ -9,11 +9,11 @@ import pytest
 from scipy import sparse
 
 import agglo_core as agglo
-from agglo_core import OptionError, agglomerate, samples
+from agglo_core import Mesh, OptionError, agglomerate, samples
 from agglo_core.arrays import Float
 from agglo_core.multigrid import OrderedGaussSeidel, gcr
-from agglo_core.problems import Diffusion
-from agglo_polydg_mg.auxiliary.downstream import downstream_order
+from agglo_core.problems import Diffusion, Patches
+from agglo_polydg_mg.auxiliary.downstream import downstream_order, flow_agglomerates
 from agglo_polydg_mg.forms.convection import face_flows
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
@@ -30,14 +30,16 @@ def swirl(x: Float) -> Float:
 
 
 @pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("b", [EAST, rotation])
+@pytest.mark.parametrize(("b", "most"), [(EAST, 12), (rotation, 12), (swirl, 30)])
 @pytest.mark.parametrize("peclet", [0.1, 1.0, 10.0, 1e2, 1e4])
-def test_iterations_are_few_for_all_peclet_numbers(degree: int, b: Any, peclet: float) -> None:
-    mesh = samples.voronoi(2000, seed=7)
-    problem = Diffusion(2000**-0.5 / peclet, convection=b)
+@pytest.mark.parametrize("mesh", [samples.voronoi(2000, seed=7), samples.random_triangles(1000, seed=7)])
+def test_iterations_are_few_for_all_peclet_numbers(
+    degree: int, b: Any, most: int, peclet: float, mesh: Mesh
+) -> None:
+    problem = Diffusion(mesh.n_cells**-0.5 / peclet, convection=b)
     solution = agglo.solve(mesh, problem, degree=degree)
     assert solution.converged
-    assert solution.iterations <= 26
+    assert solution.iterations <= most
     assert np.linalg.norm(solution.b - solution.A @ solution.x) <= 1.1e-6 * np.linalg.norm(solution.b)
     assert solution.energy_error is None
     assert solution.tests == ("residual",)
@@ -154,16 +156,37 @@ def test_few_flows_go_against_the_order_where_streamlines_are_closed() -> None:
 
 
 @pytest.mark.parametrize("width", [1, 3, 20])
-def test_sweeps_equal_block_substitution(width: int) -> None:
+@pytest.mark.parametrize("patches", [[[2], [0], [4], [1], [3]], [[3, 1, 2], [0], [1, 4]], [[0, 1], [2, 1]]])
+def test_sweeps_equal_block_substitution(width: int, patches: list[list[int]]) -> None:
     rng = np.random.default_rng(0)
     dense = rng.normal(size=(5 * width, 5 * width)) + 10.0 * width * np.eye(5 * width)
-    order = rng.permutation(5)
     b, x = rng.normal(size=(2, 5 * width))
-    found = OrderedGaussSeidel(sparse.csr_array(dense), width, order).after(b, x)
-    for part in order:
-        rows = slice(part * width, (part + 1) * width)
-        x[rows] += np.linalg.solve(dense[rows, rows], (b - dense @ x)[rows])
+    offsets = np.cumsum([0, *map(len, patches)])
+    given = Patches(offsets, np.concatenate(patches))
+    found = OrderedGaussSeidel(sparse.csr_array(dense), width, given).after(b, x)
+    for patch in patches:
+        rows = (np.array(patch)[:, None] * width + np.arange(width)).ravel()
+        x[rows] += np.linalg.solve(dense[np.ix_(rows, rows)], (b - dense @ x)[rows])
     assert found == pytest.approx(x, abs=1e-12)
+
+
+def test_a_singular_patch_is_named() -> None:
+    A = sparse.csr_array(np.array([[2.0, 1.0, 1.0], [0.0, 1.0, 1.0], [0.0, 1.0, 1.0]]))
+    with pytest.raises(np.linalg.LinAlgError, match=r"singular on the parts \[1, 2\]"):
+        OrderedGaussSeidel(A, 1, Patches(np.array([0, 1, 3]), np.array([0, 1, 2])))
+
+
+def test_agglomerates_follow_the_flow() -> None:
+    mesh = samples.squares(16)
+    along = np.abs(face_flows(mesh, np.array([1.0, 0.01])))
+    first, second = flow_agglomerates(mesh, along, 16)
+    for labels, width in ((first, 4), (second, 16)):
+        assert np.bincount(labels).tolist() == [width] * (256 // width)
+        for part in range(256 // width):
+            assert np.ptp(mesh.cell_centroids[labels == part, 1]) == 0.0
+    assert len(flow_agglomerates(mesh, along, 256)) == 1
+    assert len(flow_agglomerates(mesh, along, 16, count=2)) == 1
+    assert flow_agglomerates(samples.squares(7), np.ones(112), 16) == []
 
 
 def test_residuals_are_those_of_gmres() -> None:

@@ -1,4 +1,4 @@
-"""Gauss–Seidel sweeps through disjoint part groups of a block matrix."""
+"""Gauss–Seidel sweeps through part groups of a block matrix."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ Sweep = Callable[..., Any]
 def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
     """Return two compiled sweeps over groups, with and without residual, for a block size (0 for any).
 
-    Group g has the parts ``parts[offsets[g]:offsets[g + 1]]``. Each part belongs to one group. The inverse of
-    the matrix on a group is stored by rows from ``starts[g]``. Matrix rows follow the order of ``parts``,
-    ``x`` and the columns the original order: stored data are read from begin to end, which takes a third to a
-    half the time of any other order for data beyond the cache.
+    Group g has the parts ``parts[offsets[g]:offsets[g + 1]]``. The inverse of the matrix on a group is stored
+    by columns from ``starts[g]``. Matrix rows follow the order of ``parts``, ``x`` and the columns the
+    original order: stored data are read from begin to end, which takes a third to a half the time of any
+    other order for data beyond the cache.
 
     ``residual_sweep(offsets, parts, starts, inverses, indptr, indices, data, r, x)``
-        A forward sweep through the groups that updates x and its residual r. Block (i, j) serves as
-        transpose of (j, i), so that one pass through the matrix does both.
+        A forward sweep through disjoint groups that updates x and its residual r. The matrix is symmetric:
+        block (i, j) serves as transpose of (j, i), so that one pass through the matrix does both.
     ``sweep(offsets, parts, starts, inverses, indptr, indices, data, b, x)``
-        A forward sweep without residual.
+        A forward sweep without residual, also for groups that overlap and matrices that are not symmetric.
     """
 
     @kernel(reorder_sums=True)
@@ -124,10 +124,10 @@ def _room(offsets, n, like):
 
 @helper(reorder_sums=True)
 def _solve(inverse, residual, m, solution):
-    """Multiply ``residual[:m]`` by a symmetric inverse ``(m, m)``, stored by rows."""
+    """Multiply ``residual[:m]`` by an inverse ``(m, m)``, stored by columns."""
     for q in range(m):
         solution[q] = 0
     for e in range(m):
-        t, row = residual[e], inverse[e * m : (e + 1) * m]
+        t, column = residual[e], inverse[e * m : (e + 1) * m]
         for q in range(m):
-            solution[q] += row[q] * t
+            solution[q] += column[q] * t

@@ -72,20 +72,20 @@ class _Groups:
 
 def _order_groups(whole: _Inverses, groups: Int, indptr: Int, indices: Any, blocks: Real) -> tuple[Any, ...]:
     """Return groups in another order: offsets, parts, starts, inverses, and matrix rows (BSR)."""
-    offsets, members = _slices(whole.offsets, groups)
-    starts, values = _slices(whole.starts, groups)
+    offsets, members = slices(whole.offsets, groups)
+    starts, values = slices(whole.starts, groups)
     parts = whole.parts[members]
-    rows, entries = _slices(indptr, parts)
+    rows, entries = slices(indptr, parts)
     inverses = frozen(whole.values[values], whole.values.dtype)
     matrix = rows, frozen_index(indices[entries]), frozen(blocks[entries], blocks.dtype)
     return offsets, frozen_index(parts), starts, inverses, *matrix
 
 
-def _slices(starts: Int, slices: Int) -> tuple[Int, Int]:
-    """Concatenate the index ranges ``starts[i]:starts[i + 1]``, and return new offsets and all indices."""
-    sizes = starts[slices + 1] - starts[slices]
+def slices(starts: Int, chosen: Int) -> tuple[Int, Int]:
+    """Concatenate chosen index ranges ``starts[i]:starts[i + 1]``, and return new offsets and all indices."""
+    sizes = starts[chosen + 1] - starts[chosen]
     begin = np.concatenate(([0], np.cumsum(sizes)))
-    return frozen_int(begin), frozen_int(np.repeat(starts[slices] - begin[:-1], sizes) + np.arange(begin[-1]))
+    return frozen_int(begin), frozen_int(np.repeat(starts[chosen] - begin[:-1], sizes) + np.arange(begin[-1]))
 
 
 class _Factors:

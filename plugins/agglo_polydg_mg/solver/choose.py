@@ -14,7 +14,7 @@ RECIPES: Final = ("auto", "conforming", "patches", "agglomerates")
 CYCLES: Final = ("auto", "V", "W", "F", "K")
 PRECISIONS: Final = ("auto", "single", "double")
 
-_BAD: Final = 0.06
+BAD: Final = 0.06
 """Fraction of strong faces above which polygons and polyhedra are bad: slivers, boundary layers
 (benchmarks/solve.py --meshes voronoi random graded layers)."""
 _BAD_SOLID: Final = 0.03
@@ -232,7 +232,7 @@ def _row_in_plane(mesh: Mesh, sigma: Float, strong: float, varies: bool, degree:
     faces_per_cell = np.diff(mesh.cell_faces[0])
     polygons = bool(faces_per_cell.max() > _QUADRILATERAL)
     few_polygons = bool(np.mean(faces_per_cell > _QUADRILATERAL) < 0.5)
-    bad, layers = strong > _BAD, few_polygons and weak_part(mesh, sigma) > _LAYERS
+    bad, layers = strong > BAD, few_polygons and weak_part(mesh, sigma) > _LAYERS
     aggregates = degree == 1 and not (bad or layers or varies)
     smoother = "cells"
     if bad or (degree > 2 and (polygons or strong > _UNEASY)):
@@ -249,7 +249,7 @@ def _row_of_solids(mesh: Mesh, sigma: Float, strong: float, varies: bool, degree
     flat = flat_part(mesh, _FLAT[3])
     if flat > _FLAT_CELLS and not polyhedra and columns(mesh)[1] <= _CUT:
         return _Row("conforming", "groups", "V", True, True, False, flat)
-    bad = strong > _BAD if polyhedra else strong > _BAD_SOLID or varies
+    bad = strong > BAD if polyhedra else strong > _BAD_SOLID or varies
     bad = bad or flat > _FLAT_CELLS
     recipe = "patches" if bad else "agglomerates" if polyhedra else "conforming"
     cycle = "W" if degree == 1 and faces_per_cell.max() == _TETRAHEDRON else "V"

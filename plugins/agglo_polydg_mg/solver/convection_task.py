@@ -10,8 +10,11 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import Float, History, Int, OptionError, Tell, multigrid, solvers
-from agglo_polydg_mg.auxiliary.downstream import downstream_stack
-from agglo_polydg_mg.solver.choose import Overrides, Plan
+from agglo_polydg_mg.auxiliary.downstream import downstream_stack, flow_agglomerates
+from agglo_polydg_mg.auxiliary.strong_faces import strong_pairs, strong_part
+from agglo_polydg_mg.forms.coefficients import cell_means
+from agglo_polydg_mg.forms.convection import face_flows
+from agglo_polydg_mg.solver.choose import BAD, Overrides, Plan
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
 
 _ACCEPTED = (
@@ -19,6 +22,9 @@ _ACCEPTED = (
     ("cycle", ("auto", "V", "W", "F")),
     ("precision", ("auto", "double")),
 )
+_FACTORISED = {2: 50_000, 3: 6_000}
+"""Most unknowns of the coarsest level, by dimension: its factorisation takes about the time to assemble the
+mesh's matrix. More levels take more iterations where streamlines are closed (benchmarks/elliptic.py)."""
 
 
 class ConvectionTask(DiffusionTask):
@@ -42,10 +48,14 @@ class ConvectionTask(DiffusionTask):
                     f"{name} {given!r} requires a symmetric matrix, but the problem has convection: use one "
                     f"of {', '.join(accepted)}"
                 )
-        cycle: Any = "V" if overrides.cycle == "auto" else overrides.cycle
-        reason = f"polynomials on agglomerates, cells downstream, {cycle}-cycle, float64 (convection)"
+        cycle: Any = "W" if overrides.cycle == "auto" else overrides.cycle
+        mesh, sigma = self.basis.mesh, self._sigma
+        smoother: Any = "cells"
+        if strong_part(mesh, sigma) > BAD:
+            smoother = "patches" if mesh.dim == 2 else "groups"
+        reason = f"polynomials on agglomerates, {smoother} downstream, {cycle}-cycle, float64 (convection)"
         return Plan(
-            "agglomerates", cycle, np.float64, "cells", False, "aggregates", False, 0.0, reason, "linear"
+            "agglomerates", cycle, np.float64, smoother, False, "aggregates", False, 0.0, reason, "linear"
         )
 
     @property
@@ -58,7 +68,12 @@ class ConvectionTask(DiffusionTask):
         """Agglomerate of each cell on the coarse levels, finest first."""
         if self.hierarchy.levels:
             return solvers.chosen_levels(self.hierarchy, self.count)
-        return solvers.default_levels(self.hierarchy, self.count)
+        mesh, owner, other = self.basis.mesh, *self.basis.mesh.face_cells.T
+        kappa = cell_means(mesh, self.problem.kappa)
+        mean = 2.0 / (1.0 / kappa[owner] + 1.0 / kappa[other])  # used on inner faces alone
+        diffusion = self._sigma * mean * mesh.face_measures
+        strength = 0.5 * np.abs(face_flows(mesh, self.problem.convection)) + diffusion
+        return flow_agglomerates(mesh, strength, _FACTORISED[mesh.dim] // self.basis.n_local, self.count)
 
     def stack(self) -> multigrid.LevelStack:
         """Build the multigrid levels.
@@ -70,9 +85,20 @@ class ConvectionTask(DiffusionTask):
         LinAlgError
             If a block or the matrix of the coarsest level is singular.
         """
-        _ = self.plan  # checks the options
-        mesh = self.numbering.mesh
-        return downstream_stack(self._how, self.problem, mesh, self.basis, self.fine.A, self.labels)
+        smoother, mesh = self.plan.smoother, self.numbering.mesh
+        patches = None
+        if smoother == "patches":
+            patches = multigrid.vertex_patches(mesh)
+        elif smoother == "groups":
+            patches = multigrid.joined_patches(strong_pairs(self.basis.mesh, self._sigma), mesh.n_cells)
+        return downstream_stack(self._how, self.problem, mesh, self.basis, self.fine.A, self.labels, patches)
+
+    @property
+    def _sigma(self) -> Float:
+        """Jump penalty of each face of the basis mesh."""
+        sigma = self.fine.sigma
+        assert sigma is not None  # every discretised system has a penalty
+        return sigma
 
     def change_method(self) -> bool:
         """Return False, because there are no fallback methods."""
