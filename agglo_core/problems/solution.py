@@ -304,12 +304,14 @@ class Solution:
         return frozen_float(problem.stress(gradients, frozen_int(cells), mesh.n_cells))
 
     def fluxes(self) -> Float:
-        """Return the numerical flux −∫ κ ∂u/∂n through each face, outward of the face's first cell.
+        """Return the numerical flux ∫ −κ ∂u/∂n + (b·n) u through each face, outward of the face's first cell.
 
         It is the flux that the discretisation uses: −{κ∇u}·n + γσ[u] on inner faces for ``polydg``, with the
         boundary values on Dirichlet faces, α u − g on Robin faces, and minus the given fluxes on Neumann
-        faces. The fluxes out of a cell therefore sum to the integral of its source less reaction. With an
-        iterative solver they do up to its residual: the smaller the tolerance, the better.
+        faces. Convection adds (b·n) u with u from upstream, if b is free of divergence: otherwise b·∇u has
+        no flux, and sums contain the integral of u div b. The fluxes out of a cell therefore sum to the
+        integral of its source less reaction. With an iterative solver they do up to its residual: the
+        smaller the tolerance, the better.
 
         For elasticity it is the force ∫ σ(u)n on the first cell, n outward: forces on a cell balance its body
         force.

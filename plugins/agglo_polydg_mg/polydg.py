@@ -31,7 +31,7 @@ from agglo_polydg_mg.elasticity.discretisation import PolyDGElasticity
 from agglo_polydg_mg.forms.assembly import Lifted, discretise_lifted, effective_penalty, load
 from agglo_polydg_mg.forms.boundary import boundary_faces, largest_alpha, require_consistent
 from agglo_polydg_mg.forms.coefficients import cell_means
-from agglo_polydg_mg.forms.convection import mean_speed, velocity
+from agglo_polydg_mg.forms.convection import mean_speed
 from agglo_polydg_mg.forms.floating import floating_parts, mean_remover
 from agglo_polydg_mg.forms.fluxes import fluxes
 from agglo_polydg_mg.forms.norms import EnergyNorm, errors
@@ -247,12 +247,7 @@ class PolyDG:
 
         See :func:`~agglo_polydg_mg.forms.fluxes.fluxes`.
         """
-        diffusion = _diffusion(problem)
-        if velocity(mesh, diffusion.convection) is not None:
-            raise OptionError(
-                "fluxes are not available for problems with convection: b·∇u is not conservative"
-            )
-        return fluxes(self.basis(mesh), mesh, x, diffusion, self.penalty)
+        return fluxes(self.basis(mesh), mesh, x, _diffusion(problem), self.penalty)
 
     def mass(self, mesh: Mesh) -> Any:
         """Return the mass matrix ``(n, n)``, with one block per cell."""

@@ -73,6 +73,13 @@ DATA = {
         dirichlet={1: 2.0},
         robin={2: (lambda x: 1.0 + x[:, 1], 3.0)},
     ),
+    "convection": Diffusion(
+        kappa=lambda x: 0.02 * np.exp(x[:, 0]),
+        source=1.0,
+        reaction=0.5,
+        convection=lambda x: np.roll(x, 1, axis=1) - 0.4,  # without divergence
+        dirichlet={1: lambda x: 3.0 + x[:, 1], 3: 2.0},
+    ),
     "tensor": Diffusion(kappa=tensor, source=1.0, dirichlet={1: lambda x: x[:, 1]}, neumann={2: 1.0}),
 }
 

@@ -14,6 +14,7 @@ from agglo_core.fields.coefficients import positive
 from agglo_core.fields.tensors import Tensor
 from agglo_polydg_mg.forms.assembly import jump_penalty
 from agglo_polydg_mg.forms.boundary import Boundary, boundary_faces, natural_values, robin_alpha
+from agglo_polydg_mg.forms.convection import normal_speed, velocity
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule, on_both_sides, on_pieces
 from agglo_polydg_mg.forms.norms import offset_of
 from agglo_polydg_mg.forms.penalty import Penalty
@@ -23,12 +24,13 @@ _FACES = 10_000  # per batch: limits the memory for gradients of the basis at qu
 
 
 def fluxes(basis: Basis, mesh: Mesh, x: Float, problem: Diffusion, penalty: Penalty) -> Float:
-    """Return the numerical flux ∫ −κ ∂u/∂n through each face ``(n_faces,)``, outward of its first cell.
+    """Return the numerical flux ∫ −κ ∂u/∂n + (b·n) u through each face ``(n_faces,)``, out of its first cell.
 
     Tested with the indicator function of a cell, the discrete problem contains −{κ∇u}·n + γσ[u] on inner
     faces, with u − g for [u] on Dirichlet faces, αu − g on Robin faces, and minus the given flux on Neumann
-    faces. If x solves the system, the fluxes out of a cell therefore sum to the integral of f − c u, at the
-    quadrature of the system; otherwise they differ by the residual.
+    faces. Convection adds (b·n) times the upwind value: that of the cell upstream, or g where b enters
+    through a Dirichlet face. If x solves the system, the fluxes out of a cell therefore sum to the integral
+    of f − c u + u div b, at the quadrature of the system; otherwise they differ by the residual.
 
     Parameters
     ----------
@@ -122,6 +124,7 @@ class Traces(NamedTuple):
 def _through_faces(state: State, mesh: Mesh, sigma: Float) -> Float:
     """Integrate the flux over all faces of a mesh ``(n_faces,)``, with the jump penalty ``sigma``."""
     boundary, result = boundary_faces(mesh, state.problem), np.zeros(mesh.n_faces)
+    b = velocity(mesh, state.problem.convection)
     for traces in traces_on_faces(state, mesh, boundary):
         rule, kappa, inner = traces.rule, traces.kappa, traces.inner
         # 1. Weights of derivative and jump: γ/2 and γ inside, κ at the boundary
@@ -132,6 +135,13 @@ def _through_faces(state: State, mesh: Mesh, sigma: Float) -> Float:
         flux = weight * sigma[rule.faces, None] * traces.jump - mean * traces.slopes.sum(axis=1)
         # 2. Natural faces: α u − g
         flux[traces.free] = natural_fluxes(state, mesh, boundary, traces)
+        # 3. Convection of the value upstream; where data are natural, of the inner value
+        if b is not None:
+            speed = normal_speed(mesh, b, rule)
+            step = np.where(speed < 0.0, traces.jump, 0.0)
+            step[traces.free] = 0.0
+            offset = state.offset[mesh.face_cells[rule.faces, 0], None]
+            flux += speed * (traces.values + offset - step)
         result += np.bincount(rule.faces, (rule.weights * flux).sum(axis=1), mesh.n_faces)
     return result
 
