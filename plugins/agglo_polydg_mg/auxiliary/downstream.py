@@ -87,9 +87,9 @@ def downstream_stack(
 def flow_agglomerates(mesh: Mesh, strength: Float, fewest: int, count: int | None = None) -> list[Int]:
     """Return the agglomerate of each cell ``(n_cells,)`` on the coarse levels, finest first.
 
-    Strongly coupled parts are paired, and the pairs paired again: agglomerates follow the flow where it
-    dominates. Across closed streamlines a solution varies by diffusion alone, and wide agglomerates would
-    not resolve it.
+    Strongly coupled parts are paired, and the pairs paired again unless few enough: agglomerates follow the
+    flow where it dominates. Across closed streamlines a solution varies by diffusion alone, and wide
+    agglomerates would not resolve it.
 
     Parameters
     ----------
@@ -116,6 +116,8 @@ def flow_agglomerates(mesh: Mesh, strength: Float, fewest: int, count: int | Non
             merged = np.empty(n, np.int64)
             merged[groups.parts] = np.repeat(np.arange(len(groups)), np.diff(groups.offsets))
             labels, n = merged[labels], len(groups)
+            if n <= fewest:
+                break
         levels.append(frozen_int(labels))
     return levels
 

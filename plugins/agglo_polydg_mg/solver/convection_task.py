@@ -22,7 +22,7 @@ _ACCEPTED = (
     ("cycle", ("auto", "V", "W", "F")),
     ("precision", ("auto", "double")),
 )
-_FACTORISED = {2: 50_000, 3: 6_000}
+_FACTORISED = {2: 90_000, 3: 6_000}
 """Most unknowns of the coarsest level, by dimension: its factorisation takes about the time to assemble the
 mesh's matrix. More levels take more iterations where streamlines are closed (benchmarks/elliptic.py)."""
 
