@@ -20,7 +20,7 @@ from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack, Solve
 from agglo_core.problems import MultigridLevel, Patches
 
 _SAMPLE = 64
-"""Number of sampled product columns to estimate the number of entries.
+"""Number of sampled product rows to estimate the number of entries.
 
 Larger: a better estimate, and a longer set-up (benchmarks/linear.py).
 """
@@ -45,7 +45,7 @@ def csr_galerkin(A: Any, P: Any) -> Any:
 
 
 def product_entries(A: Any, P: Any) -> float:
-    """Estimate the entry count of Pᵀ A P from evenly spaced columns.
+    """Estimate the entry count of Pᵀ A P from evenly spaced rows.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def product_entries(A: Any, P: Any) -> float:
     """
     m = P.shape[1]
     columns = np.unique(np.linspace(0, m - 1, _SAMPLE).astype(np.int64))
-    return float((P.T @ (A @ P[:, columns])).nnz * m / len(columns))
+    return float((sparse.csr_array(P[:, columns].T) @ A @ P).nnz * m / len(columns))
 
 
 def have_kernels(*matrices: Any) -> bool:
