@@ -113,6 +113,16 @@ def test_fluxes_go_to_a_file_and_are_summed_by_boundary_tag(agglo: Agglo) -> Non
     assert agglo("solve", "squares:n=8", "--fluxes", "f.csv").code == 2
 
 
+def test_forces_on_the_boundary_are_summed_by_tag(agglo: Agglo) -> None:
+    """The held boundary bears the weight of the unit square."""
+    Path("weight.toml").write_text('kind = "elasticity"\nforce = [0.0, -1.0]\n', encoding="utf-8")
+    arguments = ("solve", "squares:n=8", "--problem", "weight.toml", "--fluxes", "f.vtu", "--no-cg")
+    assert "force on the boundary with tag 0: (" in agglo(*arguments).out
+    data = agglo(*arguments, "--json", "--tol", "1e-10").data
+    assert data["boundary_fluxes"]["0"] == pytest.approx([0.0, 1.0], abs=1e-8)
+    assert data["integral"] == pytest.approx([0.0, -data["energy"]], abs=1e-9)
+
+
 def test_convergence_is_drawn(agglo: Agglo) -> None:
     pytest.importorskip("matplotlib")
     done = agglo("solve", "squares:n=8", "--plot-convergence", "c.svg", "--no-cg", "--degree", "2")
