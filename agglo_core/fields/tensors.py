@@ -49,7 +49,7 @@ class Tensor:
 
 
 def is_tensor(kappa: Any, mesh: Mesh) -> bool:
-    """Return True if κ is a tensor: an array with at least two axes, or a callable that returns one."""
+    """Return True if κ is a tensor: an array with two axes or more, or a callable of tensors."""
     if not callable(kappa):
         return np.ndim(kappa) >= 2
     try:

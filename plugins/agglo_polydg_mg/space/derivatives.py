@@ -14,7 +14,10 @@ from agglo_polydg_mg.space.polynomials import legendre, orders, slopes
 
 @cache
 def _derivatives(degree: int, dim: int) -> Float:
-    """Return the matrices D ``(d, m, m)`` with ∂φ_k / ∂x̂_a = Σ_l D[a, l, k] φ_l in box coordinates."""
+    """Return the derivatives D ``(d, m, m)`` in box coordinates.
+
+    ∂φ_k / ∂x̂_a = Σ_l D[a, l, k] φ_l.
+    """
     nodes, weights = gauss(degree + 1)
     values = legendre(nodes, degree)
     line = np.einsum("iq,kq,q->ik", values, slopes(values), weights)
@@ -45,7 +48,10 @@ def directions(basis: Basis) -> Float:
 
 
 def derivatives(basis: Basis) -> Float:
-    """Return the matrices E ``(n_cells, d, m, m)`` with ∂φ_k / ∂x_i = Σ_l E[i, l, k] φ_l in each cell."""
+    """Return the derivatives E ``(n_cells, d, m, m)`` of the basis functions.
+
+    ∂φ_k / ∂x_i = Σ_l E[i, l, k] φ_l in each cell.
+    """
     return np.einsum("cia,alk->cilk", directions(basis), _derivatives(basis.degree, basis.mesh.dim))
 
 

@@ -14,7 +14,7 @@ from agglo_core.threads import over_ranges
 
 
 def n_polynomials(degree: int, dim: int = 2) -> int:
-    """Return the dimension of the polynomials of a total degree: 3 in 2-D, 4 in 3-D for degree 1."""
+    """Return the dimension of polynomials of a total degree, such as 3 for degree 1 in 2-D."""
     return comb(degree + dim, dim)
 
 
@@ -109,7 +109,7 @@ def _expansion(
 
 @cache
 def _triple(degree: int, one: int, other: int) -> Float:
-    """Return the integrals of L_i⁽ᵈ⁾ L_k⁽ᵉ⁾ L_a over [−1, 1], a <= 2 degree, for orders d and e."""
+    """Return the integrals of L_i⁽ᵈ⁾ L_k⁽ᵉ⁾ L_a over [−1, 1] with a <= 2 degree."""
     nodes, weights = gauss(2 * degree + 1)
     values = legendre(nodes, 2 * degree)
     low = values[: degree + 1], slopes(values[: degree + 1])

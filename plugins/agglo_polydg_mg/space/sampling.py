@@ -57,7 +57,7 @@ def evaluate(basis: Basis, x: Float, points: ArrayLike) -> Float:
 
 
 def quadrature(basis: Basis) -> Quadrature:
-    """Return a quadrature rule on all cells, exact up to twice the degree, with the basis at its points."""
+    """Return a quadrature rule on all cells, exact up to twice the degree, with basis values."""
     batches = list(inside(basis.mesh, 2 * basis.degree))
     points, weights = (np.concatenate([batch[k] for batch in batches]) for k in (2, 3))
     cells = np.concatenate([batch.cells for batch in batches])
