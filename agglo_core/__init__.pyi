@@ -11,6 +11,10 @@ from agglo_core import (
     registry as registry,
     samples as samples,
 )
+from agglo_core.adaptivity import (
+    Adaptation as Adaptation,
+    adapt as adapt,
+)
 from agglo_core.agglomeration import (
     Pipeline as Pipeline,
     agglomerate as agglomerate,

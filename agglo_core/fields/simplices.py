@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
+
+_TRIANGLES: Final = "_triangles"
 
 
 def triangulate(mesh: Mesh) -> tuple[Int, Float]:
@@ -17,6 +21,10 @@ def triangulate(mesh: Mesh) -> tuple[Int, Float]:
     MeshError
         For cells whose triangle areas do not sum to the cell area.
     """
+    # Triangles of agglomerates are kept with the mesh: their triangulation is slow
+    kept: dict[str, tuple[Int, Float]] = vars(mesh)
+    if _TRIANGLES in kept:
+        return kept[_TRIANGLES]
     # 1. Fans where they fit, constrained Delaunay triangles elsewhere
     cells, corners, fanned = _fans(mesh)
     rest = np.flatnonzero(~fanned)
@@ -30,7 +38,10 @@ def triangulate(mesh: Mesh) -> tuple[Int, Float]:
     wrong = np.flatnonzero(np.abs(areas - mesh.cell_measures) > 1e-8 * mesh.cell_measures)
     if len(wrong):
         raise MeshError(f"cells {wrong[:5].tolist()} cannot be cut into triangles: they overlap themselves")
-    return frozen_int(np.searchsorted(cells, np.arange(mesh.n_cells + 1))), frozen_float(corners)
+    triangles = frozen_int(np.searchsorted(cells, np.arange(mesh.n_cells + 1))), frozen_float(corners)
+    if len(rest):
+        kept[_TRIANGLES] = triangles
+    return triangles
 
 
 def _fans(mesh: Mesh) -> tuple[Int, Float, np.ndarray]:

@@ -152,6 +152,7 @@ class Discretisation(Protocol):
     - ``fixed_unknowns(problem, mesh)``: unknowns ``(m,)`` that Dirichlet data fix; their rows and columns of
       the matrix have the diagonal entry alone. Solvers subtract their values, and add no load to them.
     - ``inner_unknowns(mesh)``: unknowns ``(n_cells, m)`` inside each cell, which solvers eliminate;
+    - ``energy(problem, mesh, x)``: the square of the energy norm of the function, without jumps;
     - ``transfer(mesh, x, other, pairs)``: unknowns on the mesh ``other`` of the projection of the function
       with unknowns x; ``pairs (k, 2)`` are the overlapping cells of both meshes, of which one contains the
       other. :func:`agglo_core.adapt` starts each solve from it.

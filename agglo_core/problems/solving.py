@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from agglo_core.arrays import Float
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
@@ -133,9 +134,15 @@ def solver_member(
 
 
 def run_solver(
-    solver: Member, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None
+    solver: Member,
+    problem: Problem,
+    hierarchy: Hierarchy,
+    progress: Listener | None = None,
+    start: Float | None = None,
 ) -> Solution:
     """Run a solver, with progress reports if it supports them (``tells_progress``).
+
+    The initial guess ``start (n,)`` is passed to solvers with ``takes_start``, and otherwise ignored.
 
     Problem, discretisation and mesh are added to the solution where the solver leaves them out.
 
@@ -148,11 +155,12 @@ def run_solver(
     """
     how = discretisation_of(solver.tool, problem)
     with unwrapped(progress) as listen, attributed(solver.title, spare=(AggloError,)):
+        guess = {"start": start} if start is not None and getattr(solver.tool, "takes_start", False) else {}
         if getattr(solver.tool, "tells_progress", False):
-            solution = solver.tool.solve(problem, hierarchy, progress=listen)
+            solution = solver.tool.solve(problem, hierarchy, progress=listen, **guess)
         else:
             with phase(listen, "solving"):
-                solution = solver.tool.solve(problem, hierarchy)
+                solution = solver.tool.solve(problem, hierarchy, **guess)
     if not isinstance(solution, Solution):
         raise PluginError(f"{solver.title}: solve returned {shown(solution)}, expected a Solution")
     meaning = {"problem": problem, "discretisation": how, "mesh": None if how is None else hierarchy.fine}

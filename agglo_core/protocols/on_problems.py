@@ -58,8 +58,9 @@ class Estimator(Protocol):
     """Component that estimates the error of a solution in each cell, for :func:`agglo_core.adapt`.
 
     ``accepts`` lists the supported problem kinds. The estimate of the whole error is the root of the sum of
-    squared indicators. The optional method ``terms(solution)`` returns parts of the indicators ``(n_cells,)``
-    by name; ``oscillation`` among them is the share due to data that the discretisation cannot represent.
+    squared indicators. The optional method ``terms(solution)`` returns arrays ``(n_cells,)`` by name,
+    whose squares sum to those of the indicators, except for ``oscillation``: the share due to data that the
+    discretisation cannot represent, contained in the others.
 
     Examples
     --------
@@ -116,8 +117,9 @@ class Solver(Protocol):
     solver also has ``aspreconditioner(problem, hierarchy)``, which returns a
     ``scipy.sparse.linalg.LinearOperator``. It sets ``needs_levels = False`` if it needs no levels,
     ``plain_cg = True`` if it is plain conjugate gradients, and ``galerkin = False`` if its coarse operators
-    are not Pᵀ A P but rediscretised or rounded. With ``tells_progress = True`` it takes ``progress``, None or
-    for :func:`agglo_core.progress.phase`.
+    are not Pᵀ A P but rediscretised or rounded. With ``takes_start = True`` it takes an initial guess
+    ``start (n,)``, as :func:`agglo_core.adapt` gives. With ``tells_progress = True`` it takes ``progress``,
+    None or for :func:`agglo_core.progress.phase`.
 
     Examples
     --------

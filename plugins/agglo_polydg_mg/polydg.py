@@ -24,13 +24,13 @@ from agglo_core.authoring import (
     frozen_float,
     solvers,
 )
-from agglo_core.fields.coefficients import is_zero
+from agglo_core.fields.coefficients import is_zero, positive
 from agglo_core.fields.tensors import is_tensor, tensor
 from agglo_core.fields.values import sample
 from agglo_polydg_mg.elasticity.discretisation import PolyDGElasticity
 from agglo_polydg_mg.forms.assembly import Lifted, discretise_lifted, effective_penalty, load
 from agglo_polydg_mg.forms.boundary import boundary_faces, largest_alpha, require_consistent
-from agglo_polydg_mg.forms.coefficients import cell_means
+from agglo_polydg_mg.forms.coefficients import cell_means, reaction_blocks
 from agglo_polydg_mg.forms.convection import mean_speed
 from agglo_polydg_mg.forms.floating import floating_parts, mean_remover
 from agglo_polydg_mg.forms.fluxes import fluxes
@@ -39,7 +39,7 @@ from agglo_polydg_mg.forms.penalty import PAPER, Penalty, require_penalty
 from agglo_polydg_mg.forms.sides import with_straight_sides
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.solver.choose import choose
-from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.derivatives import cell_integrals
 from agglo_polydg_mg.space.projection import transfer
 from agglo_polydg_mg.space.sampling import evaluate, gradient, quadrature, samples_of
@@ -248,6 +248,15 @@ class PolyDG:
         See :func:`~agglo_polydg_mg.forms.fluxes.fluxes`.
         """
         return fluxes(self.basis(mesh), mesh, x, _diffusion(problem), self.penalty)
+
+    def energy(self, problem: Problem, mesh: Mesh, x: Float) -> float:
+        """Return ∫ ∇u·κ∇u + c u² for the function with unknowns ``x (n,)``, without jumps."""
+        diffusion, basis = _diffusion(problem), self.basis(mesh)
+        u = basis.coefficients(x)
+        blocks = stiffness(basis, positive(basis.mesh, diffusion.kappa))
+        reaction = reaction_blocks(basis, diffusion.reaction)
+        blocks = blocks if reaction is None else blocks + reaction
+        return float(np.einsum("ci,cij,cj->", u, blocks, u, optimize=True))
 
     def mass(self, mesh: Mesh) -> Any:
         """Return the mass matrix ``(n, n)``, with one block per cell."""

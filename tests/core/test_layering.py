@@ -60,6 +60,7 @@ MAY_IMPORT = {
         "registry",
         "split",
     },
+    "adaptivity": EVERYBODY | {"agglomeration", "hierarchy", "mesh", "problems", "registry"},
     "samples": EVERYBODY | {"mesh", "registry"},
     "io": EVERYBODY | {"hierarchy", "mesh", "problems", "registry"},
     "interchange": EVERYBODY | {"compiled", "graph", "hierarchy", "io", "mesh", "problems"},
@@ -73,7 +74,17 @@ MAY_IMPORT = {
     | {"agglomeration", "compiled", "constraints", "graph", "hierarchy", "io", "measure", "mesh"}
     | {"problems", "protocols", "registry", "shapes"},
     "cli": EVERYBODY
-    | {"agglomeration", "compiled", "conformance", "distributed", "draw", "hierarchy", "interchange", "io"}
+    | {
+        "adaptivity",
+        "agglomeration",
+        "compiled",
+        "conformance",
+        "distributed",
+        "draw",
+        "hierarchy",
+        "interchange",
+        "io",
+    }
     | {"measure", "mesh", "problems", "protocols", "registry", "samples", "solvers"},
 }
 """The folders and loose modules of the core, and those that each may import."""

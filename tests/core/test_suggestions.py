@@ -36,6 +36,7 @@ def test_names_that_are_not_close_are_not_suggested() -> None:
 def test_the_functions_of_the_package_are_tested() -> None:
     names = {function.__name__ for function in FUNCTIONS}
     assert names == {
+        "adapt",
         "agglomerate",
         "build_levels",
         "evolve",

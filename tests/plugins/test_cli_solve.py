@@ -338,3 +338,50 @@ def test_bad_input_is_one_line_and_exit_code_2(agglo: Agglo, arguments: list[str
     assert message in done.err
     assert done.err.startswith("error: ") or "\nerror: " in done.err
     assert list(Path().iterdir()) == []
+
+
+def test_adapted_meshes_are_reported_step_by_step(agglo: Agglo, tmp_path: Path) -> None:
+    file = tmp_path / "u.vtu"
+    asked = ("solve", "voronoi:n=800", "--adapt", "--problem", "sine")
+    done = agglo(*asked, "--tolerance", "0.2", "--max-unknowns", "1500", "-o", str(file), "--json")
+    assert (done.code, list(done.data)) == (0, ["mesh", "reason", "steps"])
+    assert done.data["reason"] == "tolerance"
+    *before, last = done.data["steps"]
+    assert list(last) == [
+        "parts",
+        "unknowns",
+        "estimate",
+        "relative",
+        "oscillation",
+        "iterations",
+        "converged",
+        "seconds",
+        "errors",
+    ]
+    assert last["relative"] <= 0.2 < before[-1]["relative"]
+    assert last["errors"]["dg"] <= last["estimate"]
+    assert file.stat().st_size > 1000
+    done = agglo(*asked, "--max-unknowns", "300", "--estimator", "gradient_jump", "--parts", "200,60,12")
+    assert done.code == 0
+    assert "ended after" in done.out
+    assert "the largest number of unknowns is reached" in done.out
+    assert agglo("solve", "squares:n=4", "--adapt", "--tolerance", "1e-4").code == 3
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--tolerance", "0.1"), "--tolerance is an option of --adapt; the solver's tolerance is --tol"),
+        (("--adapt",), "--adapt needs a bound: give --tolerance, --max-unknowns or both"),
+        (("--adapt", "--tolerance", "0.1", "--levels", "3"), "--levels is not available with --adapt"),
+        (("--adapt", "--tolerance", "0.1", "--report", "r.html"), "--report is not available with --adapt"),
+        (("--adapt", "--tolerance", "3"), "tolerance must be a number above 0"),
+        (("--adapt", "--tolerance", "0.1", "-o", "u.png"), "solutions are written as .vtu"),
+    ],
+)
+def test_options_that_do_not_fit_adaptation_are_refused(
+    agglo: Agglo, options: tuple[str, ...], says: str
+) -> None:
+    done = agglo("solve", "squares:n=4", *options)
+    assert done.code != 0
+    assert says in done.err

@@ -22,6 +22,7 @@ from agglo_core.cli.output.tables import print_lines
 from agglo_core.cli.ranks.launch import find_launch, refuse_files, refuse_on_ranks
 from agglo_core.cli.ranks.solve import NOT_CONVERGED, solve_on_ranks, solves_across
 from agglo_core.cli.runs import show_progress
+from agglo_core.cli.solving.adaptation import AdaptRequest, refuse_goals, refuse_without_adaptation
 from agglo_core.cli.solving.choice import DEFAULT_SOLVER, Posed, build_solver, pose_problem, solver_title
 from agglo_core.cli.solving.outputs import (
     check_more,
@@ -88,6 +89,17 @@ _COLUMNS = 80  # maximum width of the text
     type=FILE,
     help="A, b, near-null vectors and levels, for other solvers (.npz or .mtx).",
 )
+@click.option(
+    "--adapt", is_flag=True, help="Refine agglomerates where the error is large, up to one of the two bounds."
+)
+@click.option("--tolerance", "accuracy", type=float, help="With --adapt: relative estimated error to reach.")
+@click.option("--max-unknowns", type=Number(int, least=1), help="With --adapt: largest number of unknowns.")
+@click.option(
+    "--estimator",
+    metavar=COMPONENT,
+    shell_complete=names("estimator"),
+    help="With --adapt: component that locates the error (default residual).",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 def solve(
     source: str,
@@ -106,14 +118,20 @@ def solve(
     history: Path | None,
     report: Path | None,
     system_file: Path | None,
+    adapt: bool,
+    accuracy: float | None,
+    max_unknowns: int | None,
+    estimator: str | None,
     as_json: bool,
 ) -> int:
     """Solve a problem on a mesh file or a sample: squares:n=64, voronoi:n=5000, paper:triangles, …
 
     The problem is −∇·(κ∇u) = f with u = 0 on the boundary: constant is f = 8, sine f = 2π² sin πx sin πy. A
     TOML file contains numbers by cell tag and boundary tag, or names the matrix of a linear system. Exit
-    code 3: not converged, or no picture.
+    code 3: not converged, tolerance of --adapt not reached, or no picture.
     """
+    goals = {"--tolerance": accuracy, "--max-unknowns": max_unknowns, "--estimator": estimator}
+    refuse_goals(goals, adapt=adapt)
     options = {
         "levels": levels,
         "degree": degree,
@@ -129,6 +147,12 @@ def solve(
         "--report": report,
         "--write-system": system_file,
     }
+    if adapt:
+        refuse_without_adaptation({**files, "--levels": levels, "--no-cg": not cg or None})
+        request = AdaptRequest(
+            source, problem, tool, solver, agglomeration, accuracy, max_unknowns, estimator
+        )
+        return request.run(output, plot, as_json=as_json)
     _refuse_one_process(tool, solver, files if solves_across(tool) else {"-o": output} | files)
     if solves_across(tool):
         return solve_on_ranks(source, solver, tool, problem, agglomeration, output, as_json=as_json)

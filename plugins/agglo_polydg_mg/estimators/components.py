@@ -46,7 +46,8 @@ class Residual:
     def terms(self, solution: Solution) -> Mapping[str, Float]:
         """Return the parts of the estimate ``(n_cells,)``, and the data oscillation that they contain."""
         squares, factor = self._squares(solution)
-        return {name: frozen_float(np.sqrt(values) / factor) for name, values in squares.items()}
+        names = (*self.counted, "oscillation") if "cell" in self.counted else self.counted
+        return {name: frozen_float(np.sqrt(squares[name]) / factor) for name in names}
 
     def _squares(self, solution: Solution) -> tuple[Mapping[str, Float], float]:
         """Return the squared residuals of the solution times a factor, which keeps them in range."""

@@ -24,7 +24,7 @@ from agglo_polydg_mg.forms.fluxes import State, Traces, natural_fluxes, traces_o
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.space.basis import Basis
 
-_MORE: Final = 4
+_MORE: Final = 2
 """Degrees of the quadrature above twice that of the solution, for data that are no polynomials."""
 
 Values = Callable[[Float, Int], Float]

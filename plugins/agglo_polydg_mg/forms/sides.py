@@ -7,11 +7,13 @@ merged into one edge.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from agglo_core.authoring import Int, Mesh, frozen_int
+
+_STRAIGHT: Final = "_with_straight_sides"
 
 
 class Sides(NamedTuple):
@@ -64,10 +66,13 @@ def with_straight_sides(mesh: Mesh) -> Mesh:
     The penalty required for the sides then does not depend on their subdivision. Agglomerates have such
     edges, other meshes almost never: a test of the edges at each vertex decides.
     """
-    if mesh.dim != 2 or not _has_runs(mesh):
+    if mesh.dim != 2:
         return mesh
-    simpler = mesh.simplified()
-    return mesh if simpler.n_faces == mesh.n_faces else simpler
+    kept: dict[str, Mesh] = vars(mesh)  # like the derived arrays of a mesh
+    if _STRAIGHT not in kept:
+        simpler = mesh.simplified() if _has_runs(mesh) else mesh
+        kept[_STRAIGHT] = mesh if simpler.n_faces == mesh.n_faces else simpler
+    return kept[_STRAIGHT]
 
 
 def _has_runs(mesh: Mesh) -> bool:

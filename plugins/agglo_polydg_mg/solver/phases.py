@@ -10,6 +10,7 @@ import numpy as np
 from agglo_core.authoring import (
     Diffusion,
     Elasticity,
+    Float,
     Hierarchy,
     History,
     Linear,
@@ -83,6 +84,23 @@ def set_up(
             _ = task.labels  # computed on first access
     with watch("setup"), phase(progress, title):
         return task.stack()
+
+
+def initial_guess(task: Task, start: Float) -> list[History]:
+    """Return a history without iterations that starts from the solution ``start (n,)`` in user numbering.
+
+    Raises
+    ------
+    OptionError
+        For another shape, values that are not finite, or a linear system.
+    """
+    if not isinstance(task, DiffusionTask):
+        raise OptionError("start is an initial guess for discretised problems, not for linear systems")
+    if np.shape(start) != task.fine.b.shape or not np.isfinite(start).all():
+        raise OptionError(f"start must contain {task.fine.b.shape} finite numbers, given {np.shape(start)}")
+    x = task.fine.factor * task.numbering.load(frozen_float(start))
+    x = x if task.fine.offset is None else x - task.fine.offset
+    return [History(frozen_float(x), frozen_float([np.nan]), False, "")]
 
 
 def iterate(

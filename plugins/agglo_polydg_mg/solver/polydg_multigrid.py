@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import (
+    Float,
     Hierarchy,
     Listener,
     OptionError,
@@ -22,7 +23,15 @@ from agglo_core.authoring import (
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.choose import CYCLES, PRECISIONS, RECIPES, Overrides
-from agglo_polydg_mg.solver.phases import Task, build_solution, iterate, set_up, task_for, zero_solution
+from agglo_polydg_mg.solver.phases import (
+    Task,
+    build_solution,
+    initial_guess,
+    iterate,
+    set_up,
+    task_for,
+    zero_solution,
+)
 from agglo_polydg_mg.solver.repeated_solves import RepeatedSolves
 
 
@@ -75,6 +84,7 @@ class PolyDGMultigrid:
     accepts: ClassVar[tuple[str, ...]] = ("diffusion", "elasticity", "linear")
     needs_levels: ClassVar[bool] = False
     tells_progress: ClassVar[bool] = True
+    takes_start: ClassVar[bool] = True
     galerkin: ClassVar[bool] = False  # only nearly: single precision, small entries dropped
 
     def __init__(
@@ -113,8 +123,14 @@ class PolyDGMultigrid:
     def __repr__(self) -> str:
         return solvers.show_options(self)
 
-    def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
-        """Solve a problem on a hierarchy.
+    def solve(
+        self,
+        problem: Problem,
+        hierarchy: Hierarchy,
+        progress: Listener | None = None,
+        start: Float | None = None,
+    ) -> Solution:
+        """Solve a problem on a hierarchy, from the initial guess ``start (n,)`` if the solver discretises it.
 
         The solution's ``converged`` and ``reason`` state the outcome, ``choice`` the recipe and its
         reason. A linear system may have blocks with any sizes, near-null vectors, and several
@@ -135,7 +151,8 @@ class PolyDGMultigrid:
         try:
             # Choose the plan from mesh, penalty and coefficient, and build the levels
             stack = set_up(task, watch, progress)
-            histories = iterate(task, stack, self.tolerance, self.max_iterations, watch, progress)
+            begun = None if start is None else initial_guess(task, start)
+            histories = iterate(task, stack, self.tolerance, self.max_iterations, watch, progress, begun)
             # If the preconditioner fails, continue in double precision or with another recipe
             while any(each.preconditioner_failed for each in histories) and task.change_method():
                 del stack  # frees the memory for the other levels

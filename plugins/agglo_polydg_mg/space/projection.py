@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import Float, Int, frozen_float, frozen_int
+from agglo_core.authoring import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.fields.rules import inside
 from agglo_polydg_mg.space.basis import Basis
 
@@ -15,13 +15,28 @@ def transfer(source: Basis, x: Float, target: Basis, pairs: Int) -> Float:
     ``pairs (k, 2)`` are the cells of the source and the target that overlap. In each pair one cell contains
     the other. In cells that are divided, the function stays as it is if the degree of the target suffices.
     """
+    # 1. Integrals over divided cells on the target, over joined cells on the source
     load = np.zeros((target.mesh.n_cells, target.n_local))
-    count = np.bincount(pairs[:, 1], minlength=target.mesh.n_cells)
-    joined = count[pairs[:, 1]] > 1
-    # Integrals over divided and unchanged cells on the target, over joined cells on the source
-    _add(source, x, target, pairs[~joined], load, on_source=False)
+    divided, joined = (
+        np.bincount(cells, minlength=basis.mesh.n_cells)[cells] > 1
+        for cells, basis in zip(pairs.T, (source, target), strict=True)
+    )
+    kept = ~(divided | joined) & _equal_bases(source, target, pairs)
+    _add(source, x, target, pairs[~joined & ~kept], load, on_source=False)
     _add(source, x, target, pairs[joined], load, on_source=True)
-    return frozen_float(np.linalg.solve(target.mass_blocks, load[:, :, None]).ravel())
+    # 2. Coefficients, with copies in unchanged cells
+    found = np.linalg.solve(target.mass_blocks, load[:, :, None])[:, :, 0]
+    found[pairs[kept, 1]] = source.coefficients(x)[pairs[kept, 0]] if kept.any() else 0.0
+    return frozen_float(found.ravel())
+
+
+def _equal_bases(source: Basis, target: Basis, pairs: Int) -> Mask:
+    """Return a mask of the pairs whose cells have equal basis functions."""
+    if (source.degree, source.scaled) != (target.degree, target.scaled):
+        return np.zeros(len(pairs), bool)
+    shift = np.zeros(source.boxes.shape[1])
+    shift[: source.mesh.dim] = source.mesh.origin - target.mesh.origin
+    return np.asarray((source.boxes[pairs[:, 0]] + shift == target.boxes[pairs[:, 1]]).all(axis=1))
 
 
 def _add(source: Basis, x: Float, target: Basis, pairs: Int, load: Float, *, on_source: bool) -> None:

@@ -188,6 +188,11 @@ def time_steps(registry: Registry, folder: Path) -> None:
     assert all(solution.converged for _, solution in steps)
 
 
+def adaptations(registry: Registry, folder: Path) -> None:
+    found = agglo.adapt(run(registry), max_unknowns=60, solver="direct", registry=registry)
+    assert found.reason == "max_unknowns"
+
+
 def on_ranks(registry: Registry, folder: Path) -> None:
     pytest.importorskip("mpi4py")
     from agglo_core import Pipeline, distributed
@@ -214,6 +219,7 @@ GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
     parts_of_multigrid: {"part", "Composition", "ComposedMultigrid", "solve"},
     direct: {"Direct", "discretisation"},
     time_steps: {"evolve", "solver_member"},
+    adaptations: {"adapt"},
     on_ranks: {"prepare_run", "evaluate_rules", "means"},
 }
 """What is asked here, and the public functions with a parameter ``registry`` that this asks."""

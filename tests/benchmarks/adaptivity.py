@@ -1,0 +1,198 @@
+"""Adapted cuts against uniform levels: errors at equal unknowns, effectivity indices, met tolerances, time.
+
+python adaptivity.py [equal] [indices] [tolerances] [time] [--cells 12000] [--seed 0]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+import agglo_core as agglo
+from agglo_core import Diffusion, Hierarchy, Mesh, samples
+
+Array = Any
+
+
+def layer() -> Diffusion:
+    """Arctan layer of width 1/60 on a circle."""
+    a, r0, centre = 60.0, 0.7, -0.05
+
+    def u(x: Array) -> Array:
+        return np.arctan(a * (np.linalg.norm(x - centre, axis=1) - r0))
+
+    def f(x: Array) -> Array:
+        r = np.linalg.norm(x - centre, axis=1)
+        s = a * (r - r0)
+        return -((x.shape[1] - 1) * a / (r * (1 + s * s)) - 2 * a * a * s / (1 + s * s) ** 2)
+
+    return Diffusion(source=f, dirichlet={0: u}, exact=u)
+
+
+def corner() -> Diffusion:
+    """u = r^(2/3) sin(2φ/3) on the L-shape with its re-entrant corner at 0."""
+
+    def u(x: Array) -> Array:
+        angle = np.mod(np.arctan2(x[:, 1], x[:, 0]), 2.0 * np.pi)
+        return np.linalg.norm(x, axis=1) ** (2.0 / 3.0) * np.sin(2.0 * angle / 3.0)
+
+    return Diffusion(source=0.0, dirichlet={0: u}, exact=u)
+
+
+def smooth() -> Diffusion:
+    """u = sin(3x) exp(y)."""
+
+    def u(x: Array) -> Array:
+        return np.sin(3.0 * x[:, 0]) * np.exp(x[:, 1])
+
+    return Diffusion(source=lambda x: 8.0 * u(x), dirichlet={0: u}, exact=u)
+
+
+def l_shape(cells: int, seed: int) -> Mesh:
+    """Random triangles on (−1, 1)² without the quadrant x > 0 > y, whose corner is a vertex."""
+    from scipy.spatial import Delaunay
+
+    random, side = np.random.default_rng(seed), int(np.sqrt(cells / 6.0))
+    points = random.uniform(-1.0, 1.0, (int(cells / 1.5), 2))
+    points = points[(points[:, 0] < -0.3 / side) | (points[:, 1] > 0.3 / side)]
+    corners = np.array([[0, 0], [0, -1], [-1, -1], [-1, 1], [1, 1], [1, 0], [0, 0]], float)
+    edges = [
+        a + np.linspace(0, 1, max(2, round(side * np.abs(b - a).max())))[:-1, None] * (b - a)
+        for a, b in pairwise(corners)
+    ]
+    points = np.concatenate((*edges, points[np.abs(points).max(axis=1) < 1.0 - 0.3 / side]))
+    triangles = Delaunay(points).simplices
+    x, y = points[triangles].mean(axis=1).T
+    return Mesh.from_polygons(points, triangles[(x < 0) | (y > 0)], name="L-shape")
+
+
+def uniform(hierarchy: Hierarchy, problem: Diffusion, degree: int) -> tuple[Array, Array]:
+    """Unknowns and DG errors of all levels and of the mesh, coarsest first."""
+    meshes = [hierarchy.mesh(level) for level in range(len(hierarchy) - 1, -1, -1)]
+    found = [agglo.solve(mesh, problem, degree=degree) for mesh in (*meshes, hierarchy.fine)]
+    return tuple(
+        np.array(column) for column in zip(*((len(s.x), s.errors()["dg"]) for s in found), strict=True)
+    )
+
+
+def equal(cells: int, seed: int) -> None:
+    """Print the error over that of a uniform level with as many unknowns, along the adaptation."""
+    for name, mesh, problem, limit in (
+        ("layer, triangles", samples.random_triangles(cells // 2, seed=seed), layer(), cells // 4),
+        ("layer, Voronoi", samples.voronoi(cells, seed=seed), layer(), cells // 4),
+        ("corner, L-shape", l_shape(cells, seed), corner(), cells // 8),
+        ("layer, tetrahedra", samples.random_tetrahedra(cells // 6, seed=seed), layer(), cells),
+    ):
+        for degree in (1, 2):
+            found = agglo.adapt(mesh, problem, max_unknowns=limit * (1 + degree), degree=degree)
+            n, e = uniform(found.hierarchy, problem, degree)
+            print(f"{name}, p = {degree}, {mesh.n_cells} cells, ended by {found.reason}")
+            for step in found.steps[-6::2]:
+                dg = step.errors["dg"]
+                same = np.exp(np.interp(np.log(step.unknowns), np.log(n), np.log(e)))
+                need = np.exp(np.interp(-np.log(dg), -np.log(e), np.log(n))) if dg >= e[-1] else np.inf
+                print(
+                    f"  {step.unknowns:7,} unknowns: error {dg:.3e}, {dg / same:.2f} of a uniform level's, "
+                    f"which needs {need / step.unknowns:5.1f} times as many; index {step.estimate / dg:.2f}"
+                )
+
+
+def indices(cells: int, seed: int) -> None:
+    """Print effectivity indices of the estimators on fresh meshes and on their agglomerates."""
+    estimators = {
+        n: agglo.registry.default().build("estimator", n)
+        for n in ("residual", "gradient_jump", "hierarchical")
+    }
+    for name, mesh in (
+        ("triangles", samples.random_triangles(cells // 8, seed=seed)),
+        ("Voronoi", samples.voronoi(cells // 8, seed=seed)),
+        ("tetrahedra", samples.random_tetrahedra(cells // 40, seed=seed)),
+    ):
+        parts = mesh.coarsen(agglo.agglomerate(mesh, cells_per_part=8).levels[0])
+        for which, on in ((name, mesh), (f"parts of {name}", parts)):
+            for title, problem in (("smooth", smooth()), ("layer", layer())):
+                for degree in (1, 2, 3):
+                    solution = agglo.solve(on, problem, degree=degree, tolerance=1e-8)
+                    error = solution.errors()["dg"]
+                    found = [
+                        f"{key} {np.linalg.norm(tool.indicate(solution)) / error:.2f}"
+                        for key, tool in estimators.items()
+                    ]
+                    print(f"{which:20} {title:7} p = {degree}: {', '.join(found)}", flush=True)
+
+
+def tolerances(cells: int, seed: int) -> None:
+    """Print how the true error compares with the tolerance on 50 random problems."""
+    random, ratios, reasons = np.random.default_rng(seed), [], []
+    for k in range(50):
+        wave, shift, kappa = random.uniform(2, 9, 2), random.uniform(0, 6), 10.0 ** random.uniform(-3, 3)
+        peak, width = random.uniform(0, 1, 2), 10.0 ** random.uniform(1, 2.5)
+
+        def u(
+            x: Array, wave: Array = wave, shift: float = shift, peak: Array = peak, width: float = width
+        ) -> Array:
+            return np.sin(x @ wave + shift) + np.exp(-width * ((x - peak) ** 2).sum(axis=1))
+
+        def f(
+            x: Array,
+            wave: Array = wave,
+            shift: float = shift,
+            peak: Array = peak,
+            width: float = width,
+            kappa: float = kappa,
+        ) -> Array:
+            r = ((x - peak) ** 2).sum(axis=1)
+            return kappa * (
+                wave @ wave * np.sin(x @ wave + shift) - (4 * width**2 * r - 4 * width) * np.exp(-width * r)
+            )
+
+        made = samples.random_triangles if k % 2 else samples.voronoi
+        mesh = made(cells // (8 if k % 2 else 4), seed=seed + k)
+        problem = Diffusion(kappa, f, {0: u}, exact=u)
+        found = agglo.adapt(mesh, problem, tolerance=0.1, degree=1 + k % 3)
+        last = found.steps[-1]
+        reasons.append(found.reason)
+        if found.reason == "tolerance" and last.relative:
+            ratios.append(last.errors["dg"] / (last.estimate / last.relative) / 0.1)
+    print(
+        f"{reasons.count('tolerance')} of 50 reach the tolerance 0.1, the others end at the fine mesh; "
+        f"true error over tolerance: {min(ratios):.2f} to {max(ratios):.2f}, mean {np.mean(ratios):.2f}"
+    )
+
+
+def measure_time(cells: int, seed: int) -> None:
+    """Print CPU seconds to the estimate 0.1 on the layer, p = 2, and of a solve on the fine mesh."""
+    problem = replace(layer(), exact=None)
+    for n in (cells // 20, cells):  # the first compiles
+        mesh = samples.random_triangles(n // 2, seed=seed)
+        for marking in (0.5, 0.8):
+            start = time.process_time()
+            found = agglo.adapt(mesh, problem, tolerance=0.1, degree=2, marking=marking)
+            spent = time.process_time() - start
+            print(f"{mesh.n_cells} cells, marking {marking}: {spent:.2f} CPU s, {found}")
+        start = time.process_time()
+        fine = agglo.solve(mesh, problem, degree=2)
+        print(f"{mesh.n_cells} cells, fine mesh: {time.process_time() - start:.2f} CPU s, {fine}")
+
+
+def main() -> None:
+    """Run the parts named on the command line, by default all."""
+    parts = {"equal": equal, "indices": indices, "tolerances": tolerances, "time": measure_time}
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("parts", nargs="*", choices=[*parts, []], default=[])
+    parser.add_argument("--cells", type=int, default=12_000)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    for name in given.parts or parts:
+        parts[name](given.cells, given.seed)
+
+
+if __name__ == "__main__":
+    main()
