@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from agglo_core.draw.plot import save_figure
-from agglo_core.errors import OptionError
+from agglo_core.errors import FileError, OptionError
 from agglo_core.io.atomic import staging
 from agglo_core.problems.discretisation import Samples
 
@@ -54,11 +54,14 @@ def draw_film(path: Path, frames: Mapping[str, Samples], ends: tuple[float, floa
     colours = _paint(axis, next(iter(frames.values())), ends)
     figure.colorbar(colours, ax=axis).set_label("u", rotation=0)
     film = PillowWriter(fps=_FRAMES_PER_SECOND)
-    with staging(path) as folder, film.saving(figure, folder / path.name, dpi=100):
-        for title, state in frames.items():
-            colours.set_array(state.values)
-            axis.set_title(title, fontsize=10)
-            film.grab_frame()
+    try:
+        with staging(path) as folder, film.saving(figure, folder / path.name, dpi=100):
+            for title, state in frames.items():
+                colours.set_array(state.values)
+                axis.set_title(title, fontsize=10)
+                film.grab_frame()
+    except OSError as error:
+        raise FileError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def _figure(width: float, height: float) -> Any:
