@@ -75,11 +75,11 @@ def _inverses(patches: Patches, rows: Int, columns: Any, data: Float) -> tuple[I
     starts = np.concatenate(([0], np.cumsum((sizes * width) ** 2)))
     # 1. Place of each entry's column in the patch of its row
     patch = np.repeat(np.arange(len(sizes)), sizes)
-    most = max(int(patches.parts.max(initial=0)), int(columns.max(initial=0))) + 1
-    keys = patch * most + patches.parts
+    n_parts = max(int(patches.parts.max(initial=0)), int(columns.max(initial=0))) + 1
+    keys = patch * n_parts + patches.parts
     order = np.argsort(keys)
     row = np.repeat(np.arange(len(patch)), np.diff(rows))
-    wanted = patch[row] * most + columns
+    wanted = patch[row] * n_parts + columns
     place = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(order) - 1)]
     inside = np.flatnonzero(keys[place] == wanted)
     inside = inside[np.argsort(sizes[patch[row[inside]]], kind="stable")]

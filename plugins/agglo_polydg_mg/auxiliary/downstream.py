@@ -97,10 +97,9 @@ def flow_agglomerates(mesh: Mesh, strength: Float, fewest: int, count: int | Non
     strength : (n_faces,) float
         Coupling through each face. Couplings between the same two parts are added.
     fewest : int
-        Number of parts that ends the coarsening, after at least one level. Small meshes, and those with a
-        ``count`` of levels (counting the mesh), are coarsened to 60 parts.
+        Number of parts that ends the coarsening, after at least one level if there are more than 60 cells.
     count : int, optional
-        Maximum number of levels, counting the mesh.
+        Number of levels, counting the mesh, as long as there are more than 60 parts.
     """
     inner = mesh.face_cells[:, 1] >= 0
     faces, strength = mesh.face_cells[inner], strength[inner]
@@ -118,6 +117,8 @@ def flow_agglomerates(mesh: Mesh, strength: Float, fewest: int, count: int | Non
             labels, n = merged[labels], len(groups)
             if n <= fewest:
                 break
+        if levels and n == levels[-1].max() + 1:  # parts without neighbours
+            break
         levels.append(frozen_int(labels))
     return levels
 

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import Float, History, Int, OptionError, Tell, multigrid, solvers
 from agglo_polydg_mg.auxiliary.downstream import downstream_stack, flow_agglomerates
-from agglo_polydg_mg.auxiliary.strong_faces import strong_pairs, strong_part
+from agglo_polydg_mg.auxiliary.strong_faces import strong_part
 from agglo_polydg_mg.forms.coefficients import cell_means
 from agglo_polydg_mg.forms.convection import face_flows
 from agglo_polydg_mg.solver.choose import BAD, Overrides, Plan
@@ -49,10 +49,9 @@ class ConvectionTask(DiffusionTask):
                     f"of {', '.join(accepted)}"
                 )
         cycle: Any = "W" if overrides.cycle == "auto" else overrides.cycle
-        mesh, sigma = self.basis.mesh, self._sigma
-        smoother: Any = "cells"
-        if strong_part(mesh, sigma) > BAD:
-            smoother = "patches" if mesh.dim == 2 else "groups"
+        mesh = self.basis.mesh
+        bad = mesh.dim == 2 and strong_part(mesh, self._sigma) > BAD
+        smoother: Any = "patches" if bad else "cells"
         reason = f"polynomials on agglomerates, {smoother} downstream, {cycle}-cycle, float64 (convection)"
         return Plan(
             "agglomerates", cycle, np.float64, smoother, False, "aggregates", False, 0.0, reason, "linear"
@@ -85,12 +84,8 @@ class ConvectionTask(DiffusionTask):
         LinAlgError
             If a block or the matrix of the coarsest level is singular.
         """
-        smoother, mesh = self.plan.smoother, self.numbering.mesh
-        patches = None
-        if smoother == "patches":
-            patches = multigrid.vertex_patches(mesh)
-        elif smoother == "groups":
-            patches = multigrid.joined_patches(strong_pairs(self.basis.mesh, self._sigma), mesh.n_cells)
+        mesh = self.numbering.mesh
+        patches = multigrid.vertex_patches(mesh) if self.plan.smoother == "patches" else None
         return downstream_stack(self._how, self.problem, mesh, self.basis, self.fine.A, self.labels, patches)
 
     @property
