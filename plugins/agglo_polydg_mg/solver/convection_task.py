@@ -23,8 +23,8 @@ _ACCEPTED = (
     ("precision", ("auto", "double")),
 )
 _FACTORISED = {2: 90_000, 3: 6_000}
-"""Most unknowns of the coarsest level, by dimension: its factorisation takes about the time to assemble the
-mesh's matrix. More levels take more iterations where streamlines are closed (benchmarks/elliptic.py)."""
+"""Most unknowns of the coarsest level, by dimension: with more levels the iterations grow where streamlines
+are closed, and factors take much memory in 3-D (benchmarks/elliptic.py --rows Péclet)."""
 
 
 class ConvectionTask(DiffusionTask):
