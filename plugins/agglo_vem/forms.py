@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -14,6 +14,9 @@ from agglo_vem.local_spaces import Space, Trace
 from agglo_vem.monomials import count, products
 
 STABILISATIONS = ("dofi", "d-recipe")
+
+_ROUNDING: Final = 1e-6
+"""Relative difference of exact solution and Dirichlet data that counts as rounding."""
 
 
 class _Entries:
@@ -142,6 +145,25 @@ class BoundaryTerms:
         sums = np.bincount(nodes.ravel(), data.ravel(), space.n_outer)
         unknowns = np.flatnonzero(counts)
         return Fixed(unknowns, sums[unknowns] / counts[unknowns])
+
+    def require_consistent(self) -> None:
+        """Raise OptionError if the exact solution differs from the Dirichlet data at a node.
+
+        Data with one value per cell may be averages, and are not compared.
+        """
+        exact, mesh, (unknowns, values) = self.problem.exact, self.space.mesh, self.fixed
+        averages = any(np.ndim(data) for data in self.problem.dirichlet.values() if not callable(data))
+        if exact is None or averages or not len(unknowns):
+            return
+        points = self.space.node_points[unknowns] + mesh.origin
+        gaps = np.abs(fields.sample(exact, points, "exact") - values)
+        inside = np.abs(fields.sample(exact, mesh.cell_centroids, "exact")).max()
+        worst = int(np.argmax(gaps))
+        if gaps[worst] > _ROUNDING * max(inside, np.abs(values).max()):
+            raise OptionError(
+                f"exact contradicts the Dirichlet data: at {points[worst].tolist()} they differ by "
+                f"{gaps[worst]:g}; pass the exact values as Dirichlet data, or no exact solution"
+            )
 
     @cached_property
     def trace(self) -> Trace:

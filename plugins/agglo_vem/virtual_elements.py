@@ -69,7 +69,10 @@ class VirtualElements:
         return Space(mesh, self.degree)
 
     def check(self, problem: Problem, mesh: Mesh) -> None:
-        """Raise OptionError for convection, degrees above 1 in 3-D, or data that determine no solution."""
+        """Raise OptionError for convection, degrees above 1 in 3-D, and data that determine no solution.
+
+        Likewise if the exact solution contradicts the Dirichlet data.
+        """
         self._terms(problem, mesh)
 
     def _terms(self, problem: Problem, mesh: Mesh) -> forms.BoundaryTerms:
@@ -80,6 +83,7 @@ class VirtualElements:
         if solvers.has_convection(problem):
             raise OptionError("virtual elements do not discretise convection: use the discretisation polydg")
         terms = forms.BoundaryTerms(self.space(mesh), problem)
+        terms.require_consistent()
         free = np.flatnonzero(~terms.held())
         if len(free):
             raise OptionError(

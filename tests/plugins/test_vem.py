@@ -176,6 +176,7 @@ def test_problems_without_a_unique_solution_are_refused() -> None:
         (Diffusion(convection=[1.0, 0.0]), "convection"),
         (Diffusion(kappa=-1.0), "positive"),
         (Diffusion(robin={0: (-1.0, 0.0)}), "negative"),
+        (Diffusion(exact=lambda x: x[:, 0]), "exact contradicts"),
     ):
         with pytest.raises(OptionError, match=words):
             VirtualElements().assemble(problem, mesh)
