@@ -83,17 +83,16 @@ class FineSystem(NamedTuple):
             )
         if self.means is not None:
             raise OptionError("no load can be added where the solution is unique only up to a constant")
-        load = np.asarray(load, dtype=np.float64)
+        load = np.array(load, dtype=np.float64)
         shape = self.b.shape if self.condensed is None else self.condensed.b.shape
         if load.shape != shape or not np.isfinite(load).all():
             raise OptionError(f"load must contain {shape} finite numbers, given shape {load.shape}")
         condensed = self.condensed
+        if self.fixed is not None:
+            load[self.fixed if condensed is None else condensed.outer[self.fixed]] = 0.0
         if condensed is not None:
             before, condensed = condensed.load, condensed.with_load(load)
             load = condensed.load - before
-        if self.fixed is not None:
-            load = load.copy()
-            load[self.fixed] = 0.0
         added = frozen_float(self.factor * load)
         b, full = frozen_float(self.b + added), frozen_float(self.full + added)
         measure = self.measure.with_load(added)
@@ -142,7 +141,18 @@ class FineSystem(NamedTuple):
         )
 
     def preconditioner(self, M: LinearOperator) -> LinearOperator:
-        """Rescale a preconditioner for the scaled matrix ``A`` to the problem's matrix."""
+        """Rescale a preconditioner for the scaled matrix ``A`` to the problem's matrix.
+
+        Raises
+        ------
+        OptionError
+            If unknowns inside the cells were eliminated.
+        """
+        if self.condensed is not None:
+            raise OptionError(
+                "aspreconditioner is not available for a discretisation with unknowns inside cells: they are "
+                "eliminated, and the preconditioner belongs to the others"
+            )
         return M if self.matrix_factor == 1.0 else self.matrix_factor * M
 
     def _solution_of_problem(self, x: Float) -> Float:

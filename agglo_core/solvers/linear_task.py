@@ -248,18 +248,7 @@ class DiscretisedTask(LinearTask):
         self._fine = fine
 
     def preconditioner(self, M: LinearOperator) -> LinearOperator:
-        """Rescale a cycle to a preconditioner for the problem's matrix.
-
-        Raises
-        ------
-        OptionError
-            If unknowns inside the cells were eliminated.
-        """
-        if self._fine.condensed is not None:
-            raise OptionError(
-                "aspreconditioner is not available for unknowns inside cells: they are eliminated, and the "
-                "preconditioner belongs to the others"
-            )
+        """Rescale a cycle to a preconditioner for the problem's matrix."""
         return self._fine.preconditioner(super().preconditioner(M))
 
     def solution(

@@ -166,6 +166,7 @@ def test_time_steps_keep_dirichlet_values() -> None:
     steps = agglo.evolve(mesh, problem, start, 0.05, 0.001, "be", solver="direct", discretisation=how)
     _, last = list(steps)[-1]
     assert np.abs(last.x[how.fixed_unknowns(problem, mesh)] - 1.0).max() < 1e-12
+    assert np.abs(last.b - last.A @ last.x).max() < 1e-10
     assert abs(last.evaluate(np.array([[0.5, 0.5]]))[0] - 1.0 - np.exp(-0.1 * np.pi**2)) < 5e-3
 
 
@@ -202,6 +203,10 @@ def test_multigrid_refuses_what_belongs_to_polydg() -> None:
         agglo.registry.default().build("solver", "polydg_mg", discretisation="vem").repeated(
             agglo.agglomerate(mesh, n_parts=4)
         )
+    for solver in ("polydg_mg", "direct"):
+        tool = agglo.registry.default().build("solver", solver, discretisation="vem", degree=2)
+        with pytest.raises(OptionError, match="unknowns inside cells"):
+            tool.aspreconditioner(sine(), agglo.agglomerate(mesh, n_parts=4))
     with pytest.raises(OptionError, match="recipe 'patches' requires"):
         agglo.solve(mesh, sine(), discretisation="vem", recipe="patches")
 
