@@ -32,8 +32,7 @@ End = Literal["tolerance", "max_unknowns", "fine mesh", "solver"]
 the error is, or a solver did not converge."""
 
 _RATIO: Final = 3
-"""Parts per part of the next coarser level, for hierarchies that are made for a mesh. A larger value refines
-too much at once (tests/benchmarks/adaptivity.py)."""
+"""Parts per part of the next coarser level, for hierarchies that are made for a mesh."""
 _FEWEST: Final = 16
 """Smallest mean number of parts on the coarsest of these levels."""
 _REGIONS: Final = 64
@@ -91,6 +90,12 @@ class Adaptation:
         Hierarchy that the parts come from.
     reason : "tolerance", "max_unknowns", "fine mesh" or "solver"
         Reason for the end.
+
+    Examples
+    --------
+    >>> found = agglo.adapt(agglo.samples.squares(16), max_unknowns=200)
+    >>> found.reason, len(found.indicators) == found.cut.n_parts == found.steps[-1].parts
+    ('max_unknowns', True)
     """
 
     steps: tuple[AdaptationStep, ...]

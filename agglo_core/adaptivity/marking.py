@@ -11,7 +11,7 @@ from agglo_core.hierarchy.cuts import Cut
 
 _JOINED: Final = 0.01
 """Siblings are joined if their squared indicators sum to less than this share of the smallest one that is
-marked. A larger value joins parts that later steps divide again (tests/benchmarks/adaptivity.py)."""
+marked. A larger value may join parts that later steps divide again."""
 
 
 def largest_share(squares: Float, share: float) -> Int:

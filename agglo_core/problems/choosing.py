@@ -123,10 +123,10 @@ def require_accepted(solver: object, problem: Problem, name: str = "") -> None:
     --------
     >>> from types import SimpleNamespace
     >>> from agglo_core.problems import Diffusion, require_accepted
-    >>> require_accepted(SimpleNamespace(accepts=("linear",)), Diffusion(), "mine")
+    >>> require_accepted(SimpleNamespace(accepts=("elasticity",)), Diffusion(), "mine")
     Traceback (most recent call last):
         ...
-    agglo_core.errors.OptionError: mine takes problems of kind linear; given one of kind diffusion
+    agglo_core.errors.OptionError: mine takes problems of kind elasticity; given one of kind diffusion
     """
     accepts, title = getattr(solver, "accepts", None), name or type(solver).__name__
     if isinstance(accepts, str):

@@ -76,7 +76,7 @@ def solve(
     >>> solution.levels
     level  unknowns  entries
         0       360     6822
-        1       192     3926
+        1       155     2667
     """
     hierarchy = hierarchy_of(on, "solve")
     problem = Diffusion() if problem is None else problem

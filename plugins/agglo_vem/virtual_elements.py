@@ -166,13 +166,27 @@ class VirtualElements:
         values[inside] = _values(space, forms.polynomials(space, x), cells[inside], points[inside])
         return values
 
-    def gradient(self, mesh: Mesh, x: Float, points: Float) -> Float:
-        """Evaluate the gradients of the L2 projections at points ``(q, d)``, NaN outside the mesh."""
+    def gradient(self, mesh: Mesh, x: Float, points: Float | None = None) -> Float:
+        """Evaluate the gradients of the L2 projections at points ``(q, d)``, or average them over cells.
+
+        They are NaN outside the mesh.
+        """
+        space = self.space(mesh)
+        coefficients = forms.polynomials(space, x)
+        if points is None:
+            means = space.frames.means(self.degree - 1)
+            return _gradients(space, coefficients, np.arange(mesh.n_cells), means)
         cells = fields.locate(mesh, points)
-        inside, space = np.flatnonzero(cells >= 0), self.space(mesh)
+        inside = np.flatnonzero(cells >= 0)
         slopes = np.full(np.shape(points), np.nan)
-        slopes[inside] = _slopes(space, forms.polynomials(space, x), cells[inside], points[inside])
+        slopes[inside] = _slopes(space, coefficients, cells[inside], points[inside])
         return slopes
+
+    def integrals(self, mesh: Mesh, x: Float) -> Float:
+        """Integrate a function over each cell ``(n_cells,)``."""
+        space = self.space(mesh)
+        means = np.einsum("cm,cm->c", space.frames.means(self.degree), forms.polynomials(space, x))
+        return frozen_float(means * mesh.cell_measures)
 
     def sample(self, mesh: Mesh, x: Float) -> Samples:
         """Sample the L2 projections at points of the triangles or tetrahedra that make up the cells."""
@@ -237,6 +251,11 @@ def _values(space: Space, coefficients: Float, cells: Int, points: Float) -> Flo
 def _slopes(space: Space, coefficients: Float, cells: Int, points: Float) -> Float:
     """Evaluate the gradients ``(q, d)`` of polynomials at points in known cells."""
     local = space.frames.coordinates(cells, points - space.mesh.origin)
+    return _gradients(space, coefficients, cells, monomials(local, space.degree - 1))
+
+
+def _gradients(space: Space, coefficients: Float, cells: Int, values: Float) -> Float:
+    """Return gradients ``(q, d)`` in known cells, from ``values (q, n)`` of the monomials to degree k − 1."""
     lower = np.einsum("cm,amn->can", coefficients, derivatives(space.degree, space.mesh.dim))
-    slopes = np.einsum("qn,qan->qa", monomials(local, space.degree - 1), lower[cells])
+    slopes = np.einsum("qn,qan->qa", values, lower[cells])
     return np.einsum("qa,qab->qb", slopes, space.frames.maps[cells])

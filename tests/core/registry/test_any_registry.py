@@ -33,6 +33,7 @@ from agglo_core.solvers.direct import Direct
 from agglo_polydg_mg.paper.composed_multigrid import ComposedMultigrid
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.paper.schwarz import smoother_of
+from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
 ROOT = Path(__file__).parents[3]
 
@@ -181,6 +182,9 @@ def parts_of_multigrid(registry: Registry, folder: Path) -> None:
 def direct(registry: Registry, folder: Path) -> None:
     assert Direct(registry=registry).discretisation is not None
     assert Direct(registry=Registry()).discretisation is None
+    for solver in (Direct, PolyDGMultigrid):
+        with pytest.raises(AggloError, match="no discretisation is named 'vem'"):
+            solver(discretisation="vem", registry=registry)
 
 
 def time_steps(registry: Registry, folder: Path) -> None:
@@ -217,7 +221,7 @@ GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
     handed_on: {"choose_objective", "construct", "DescentRefiner"},
     smoothers: {"smoother_of", "PaperMultigrid"},
     parts_of_multigrid: {"part", "Composition", "ComposedMultigrid", "solve"},
-    direct: {"Direct", "discretisation"},
+    direct: {"Direct", "PolyDGMultigrid", "chosen_discretisation", "discretisation"},
     time_steps: {"evolve", "solver_member"},
     adaptations: {"adapt"},
     on_ranks: {"prepare_run", "evaluate_rules", "means"},
