@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger("agglo")
 _SECONDS, _BYTES_PER_SECOND = 6, 100_000  # processor time limit, far above the need of an intact file
 _MEMORY, _MEMORY_PER_BYTE = 1 << 28, 400  # bytes in addition to the program itself
+_OPEN_ENDED = (".avs", ".inp", ".dat", ".tec")  # text that ends with the last cell, without an end mark
 
 
 class Meshlane(Reading):
@@ -112,6 +113,8 @@ class Meshlane(Reading):
 
 
 def _read(path: Path, options: ReadOptions) -> Mesh:
+    if path.suffix.lower() in _OPEN_ENDED:
+        _require_last_line_break(path)
     if legacy_kind(path):
         return mesh_from_pieces(read_legacy(path), **options, name=path.stem)
     soup, sets, skipped_names = soup_of_gmsh(text_bytes(path)) if _is_gmsh(path) else _soup(path)
@@ -119,6 +122,18 @@ def _read(path: Path, options: ReadOptions) -> Mesh:
     mesh = _drop_empty_sets(mesh, sets)
     _note_sets(mesh, sets)
     return note_left_out(mesh, skipped_names)
+
+
+def _require_last_line_break(path: Path) -> None:
+    """Raise FileError if the last number of a file may have lost digits."""
+    with open(path, "rb") as file:
+        file.seek(max(0, path.stat().st_size - 1))
+        last = file.read(1)
+    if last.isdigit() or last == b",":
+        raise FileError(
+            "the last line has no line break, so its last number may be incomplete: truncated? If the file "
+            "is complete, append a line break"
+        )
 
 
 def _is_gmsh(path: Path) -> bool:

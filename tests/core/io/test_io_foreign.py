@@ -9,6 +9,7 @@ import meshlane
 import numpy as np
 import pytest
 
+from agglo_core import samples
 from agglo_core.errors import AggloError, FileError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import Meshlane, read, read_hierarchy, write
@@ -153,3 +154,13 @@ def test_losses_are_refused(tmp_path: Path) -> None:
         with pytest.raises(FileError, match=rf"{name}: .*\.vtu and \.npz"):
             write(tmp_path / name, mesh)
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("suffix", [".avs", ".inp", ".dat", ".tec"])
+@pytest.mark.parametrize("lost", [1, 2])
+def test_a_last_number_that_may_have_lost_digits_is_refused(suffix: str, lost: int, tmp_path: Path) -> None:
+    file = tmp_path / f"cut{suffix}"
+    write(file, samples.random_triangles(20, seed=1))
+    file.write_bytes(file.read_bytes()[:-lost])
+    with pytest.raises(AggloError, match="its last number may be incomplete"):
+        read(file)
