@@ -383,9 +383,12 @@ class Mesh(FieldState, Derived, Tagged):
             reduction = fewer_edges(self, self.face_tags, tolerance)
         faces = reduction.face_offsets, reduction.face_vertices, self.face_cells[reduction.leads]
         tags = {name: values[reduction.leads] for name, values in self.face_tags.items()}
-        description = f"faces fewer, interfaces moved within {tolerance:g} of the cells"
-        saved = {description if tolerance else "straight faces joined": self.n_faces - len(reduction.leads)}
-        all_repairs = {**self.repairs, **note_repairs(saved)}
+        fewer = self.n_faces - len(reduction.leads)
+        if tolerance:
+            saved = note_repairs({f"faces fewer, interfaces moved within {tolerance:g} of the cells": fewer})
+        else:  # the same shapes, so there is nothing to note
+            saved = {"straight faces joined": fewer} if fewer else {}
+        all_repairs = {**self.repairs, **saved}
         mesh = trusted(
             Mesh, self.points[reduction.points], *faces, self.cell_tags, tags, all_repairs, self.name
         )
