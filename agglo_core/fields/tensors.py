@@ -36,8 +36,11 @@ class Tensor:
         """True if the tensor is constant in each cell."""
         return not callable(self.field)
 
-    def at(self, points: Float, cells: Any) -> Float:
-        """Return the values ``(q, d, d)`` at points ``(q, d)`` in user coordinates, in ``cells (q,)``."""
+    def at(self, points: Any, cells: Any) -> Float:
+        """Return the values ``(q, d, d)`` at points ``(q, d)`` in user coordinates, in ``cells (q,)``.
+
+        If they are constant in each cell, ``points`` may be None, otherwise ``cells``.
+        """
         if self.by_cell:
             return np.asarray(self.field[cells])
         dim = self.mesh.dim

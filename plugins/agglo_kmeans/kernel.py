@@ -4,6 +4,8 @@ Both cut a piece by the helpers ``_load`` and ``_cut``, passed as ``load`` and `
 ``split_pieces_by`` (``agglo_core/split/piece_driver.py``, here ``piece_driver``).
 """
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 import numpy as np

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Final
 
 import numpy as np
@@ -86,7 +86,7 @@ class Frames:
     def coordinates(self, cells: Int, points: Float) -> Float:
         """Return coordinates ``(q, d)`` of points relative to the mesh origin, in known ``cells (q,)``."""
         shifted = points - self.mesh.local_centroids[cells]
-        return np.einsum("qab,qb->qa", self.maps[cells], shifted)
+        return np.asarray(np.einsum("qab,qb->qa", self.maps[cells], shifted))
 
     def means(self, degree: int) -> Float:
         """Return the means ``(n_cells, m)`` of the monomials up to a degree over each cell, exactly."""
@@ -105,7 +105,7 @@ class Frames:
             values = weights[:, None] * monomials(self.coordinates(cells, batch.points), degree)
             stop = batch.first + len(batch.offsets) - 1
             sums[batch.first : stop] = np.add.reduceat(values, batch.offsets[:-1])
-        return sums / mesh.cell_measures[:, None]
+        return np.asarray(sums / mesh.cell_measures[:, None])
 
     def tensor_means(self, kappa: Any, degree: int) -> Float:
         """Return the means ``(n_cells, d, d, m)`` of a tensor or scalar field times monomials."""
@@ -113,12 +113,11 @@ class Frames:
         if not isinstance(kappa, fields.Tensor):
             return np.eye(dim)[:, :, None] * self.weighted_means(kappa, degree, "kappa")[:, None, None]
         if kappa.by_cell:
-            return kappa.field[..., None] * self.means(degree)[:, None, None]
+            return np.asarray(kappa.field[..., None] * self.means(degree)[:, None, None])
         entries = np.empty((mesh.n_cells, dim, dim, count(degree, dim)))
         for i, j in zip(*np.triu_indices(dim), strict=True):
-            entries[:, i, j] = entries[:, j, i] = self.weighted_means(
-                lambda points, i=i, j=j: kappa.at(points, None)[:, i, j], degree, "kappa"
-            )
+            entry = partial(_entry, kappa, int(i), int(j))
+            entries[:, i, j] = entries[:, j, i] = self.weighted_means(entry, degree, "kappa")
         return entries
 
     def _means(self, maps: Float, degree: int) -> Float:
@@ -133,7 +132,7 @@ class Frames:
                 sums[batch.first : stop] = np.add.reduceat(
                     batch.weights[:, None] * values, batch.offsets[:-1]
                 )
-            return sums / mesh.cell_measures[:, None]
+            return np.asarray(sums / mesh.cell_measures[:, None])
         # A homogeneous polynomial of degree p has the integral ∮ m y·n / (p + 2) (divergence theorem).
         corners = self.corners
         cells = corners.cells
@@ -147,4 +146,9 @@ class Frames:
         integrals = np.einsum("q,cqm->cm", 0.5 * weights, values) * cross[:, None]
         sums = np.add.reduceat(integrals, corners.offsets[:-1]) / (exponents(degree, dim).sum(axis=1) + 2)
         sizes = mesh.cell_measures * np.linalg.det(maps)
-        return sums / sizes[:, None]
+        return np.asarray(sums / sizes[:, None])
+
+
+def _entry(kappa: fields.Tensor, i: int, j: int, points: Float) -> Float:
+    """Return one entry of a tensor at points ``(q,)``."""
+    return frozen_float(kappa.at(points, None)[:, i, j])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -277,7 +277,7 @@ class Space:
         gram = self._means[cells][:, products(k, dim)]
         slopes, low = derivatives(k, dim), rights.shape[2]
         # Gradient: mean(Π∇v · q) = mean(∇v · q) for all q of degree k − 1.
-        gradient = np.linalg.solve(gram[:, None, :low, :low], rights)
+        gradient: Any = np.linalg.solve(gram[:, None, :low, :low], rights)
         # Elliptic projection: equal means of ∇v·∇m, and an equal mean over the corners or the cell.
         stiffness = np.einsum("aij,cjk,alk->cil", slopes, gram[:, :low, :low], slopes, optimize=True)
         right = np.einsum("aij,cajn->cin", slopes, rights, optimize=True)
@@ -291,7 +291,7 @@ class Space:
         moments = gram @ elliptic
         moments[:, :inner] = 0.0
         moments[:, np.arange(inner), nodes.shape[1] + np.arange(inner)] = 1.0
-        l2 = np.linalg.solve(gram, moments) if k > 1 else elliptic
+        l2: Any = np.linalg.solve(gram, moments) if k > 1 else elliptic
         of_polynomials = np.concatenate((at_nodes, gram[:, :inner]), axis=1)
         return LocalSpaces(cells, unknowns, of_polynomials, gradient, elliptic, l2)
 

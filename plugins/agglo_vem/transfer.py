@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Float, Int, Mesh, fields
+from agglo_core.authoring import Float, Int, Mask, Mesh, fields
 from agglo_vem.local_spaces import Space
 from agglo_vem.monomials import monomials
 
@@ -55,7 +55,7 @@ def _projections(space: Space) -> sparse.csr_array:
     return sparse.csr_array(sparse.coo_array(parts, shape=(space.mesh.n_cells * m, space.n)))
 
 
-def _of_polynomials(fine: Space, coarse: Space, labels: Int, inside: Int) -> sparse.csr_array:
+def _of_polynomials(fine: Space, coarse: Space, labels: Int, inside: Mask) -> sparse.csr_array:
     """Return the fine unknowns ``(n_fine, n_coarse_cells * m)`` of polynomials on the agglomerates.
 
     Outer unknowns count where ``inside (n_outer,)``.

@@ -245,7 +245,7 @@ class VirtualElements:
 def _values(space: Space, coefficients: Float, cells: Int, points: Float) -> Float:
     """Evaluate polynomials with ``coefficients (n_cells, m)`` at points in known cells."""
     local = space.frames.coordinates(cells, points - space.mesh.origin)
-    return np.einsum("qm,qm->q", monomials(local, space.degree), coefficients[cells])
+    return np.asarray(np.einsum("qm,qm->q", monomials(local, space.degree), coefficients[cells]))
 
 
 def _slopes(space: Space, coefficients: Float, cells: Int, points: Float) -> Float:
@@ -258,4 +258,4 @@ def _gradients(space: Space, coefficients: Float, cells: Int, values: Float) -> 
     """Return gradients ``(q, d)`` in known cells, from ``values (q, n)`` of the monomials to degree k − 1."""
     lower = np.einsum("cm,amn->can", coefficients, derivatives(space.degree, space.mesh.dim))
     slopes = np.einsum("qn,qan->qa", values, lower[cells])
-    return np.einsum("qa,qab->qb", slopes, space.frames.maps[cells])
+    return np.asarray(np.einsum("qa,qab->qb", slopes, space.frames.maps[cells]))

@@ -1,5 +1,7 @@
 """Compiled evaluation of the 2-D network, and the search for the best cut in the predicted direction."""
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 from typing import Any, NamedTuple

@@ -1,5 +1,7 @@
 """Compiled inputs of the 2-D network: principal frame, moments and cell raster of a piece."""
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 from typing import Any, NamedTuple

@@ -4,6 +4,8 @@ A corner is a pair of a cell and a vertex cluster. ``ends (F, 2, 2)`` contains t
 ``ends[f, side, k]`` is the corner of cell ``face_cells[f, side]`` at vertex ``face_vertices[f, k]``.
 """
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Kernel that sorts cells along a flow."""
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 from heapq import heapify, heappop, heappush
@@ -40,5 +42,5 @@ def flow_order(indptr, indices, flows):
             remaining[j] -= flows[k]
             if not done[j]:
                 share = remaining[j] / whole[j]
-                heappush(queue, (share if share > _ROUNDING else 0.0, j))
+                heappush(queue, (share if share > _ROUNDING else 0.0, j))  # type: ignore[misc]
     return order

@@ -27,7 +27,8 @@ from agglo_polydg_mg.auxiliary.coupling_network import (
 def on_nodes(space: ConformingSpace, mesh: Mesh) -> Mask:
     """Return a mask of faces ``(n_faces,)`` with bubbles whose cells share the unknowns at both ends."""
     inner = mesh.face_cells[:, 1] >= 0
-    return (space.bubbles >= 0) & (~inner | (space.ends[:, 0] == space.ends[:, 1]).all(axis=1))
+    on_both = (space.ends[:, 0] == space.ends[:, 1]).all(axis=1)
+    return np.asarray((space.bubbles >= 0) & (~inner | on_both))
 
 
 def nodal_basis(space: ConformingSpace, mesh: Mesh) -> sparse.csr_array:

@@ -45,8 +45,8 @@ def solid_space(basis: Basis, *, bubbles: bool = True) -> ConformingSpace:
     shape = mesh.local_points, offsets, faces, mesh.face_offsets, mesh.face_vertices
     polynomials = basis.boxes, basis.scale, orders(p, 3), *simplex_rule(2, p + 1), _REGULARISATION
     limits = int(max_unknowns.sum()), int(max_unknowns.max()) + 1
-    fits = fit_solid_traces(*shape, numbers, edges, *polynomials, *limits)
-    return _space(*fits, n_vertices, n)
+    starts, unknowns, fitted = fit_solid_traces(*shape, numbers, edges, *polynomials, *limits)
+    return _space(starts, unknowns, fitted, n_vertices, n)
 
 
 def _space(offsets: Int, unknowns: Index, fitted: Float, n_vertices: int, n: int) -> ConformingSpace:

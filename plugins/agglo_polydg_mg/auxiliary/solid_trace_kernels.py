@@ -1,5 +1,7 @@
 """Kernels of the continuous space on polyhedra: fit cell polynomials to surface traces."""
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 import numpy as np

@@ -20,6 +20,7 @@ from agglo_core.authoring import (
     Samples,
     System,
     VectorField,
+    fields,
     frozen_float,
     frozen_int,
     solvers,
@@ -45,7 +46,7 @@ from agglo_polydg_mg.elasticity.vectors import (
 from agglo_polydg_mg.forms.sides import with_straight_sides
 from agglo_polydg_mg.space.basis import Basis, block_diagonal
 from agglo_polydg_mg.space.derivatives import cell_integrals
-from agglo_polydg_mg.space.sampling import evaluate, gradient, locate, samples_of
+from agglo_polydg_mg.space.sampling import evaluate, gradient, samples_of
 
 
 class Assembled(NamedTuple):
@@ -211,7 +212,7 @@ class PolyDGElasticity:
 
     def locate(self, mesh: Mesh, points: Float) -> Int:
         """Find the cell ``(q,)`` of each point, as :meth:`evaluate` does, −1 outside the mesh."""
-        return locate(mesh, points)
+        return fields.locate(mesh, points)
 
     def integrals(self, mesh: Mesh, x: Float) -> Float:
         """Integrate the displacement over each cell: ``(n_cells, d)``."""

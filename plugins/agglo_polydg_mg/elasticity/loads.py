@@ -10,6 +10,7 @@ from agglo_core.authoring import (
     Elasticity,
     Field,
     Float,
+    Int,
     Mesh,
     OptionError,
     VectorField,
@@ -57,7 +58,9 @@ def elastic_boundary(mesh: Mesh, problem: Elasticity) -> Boundary:
         raise OptionError(f"no boundary face has the tag {unknown[0]}; the boundary has the tags {present}")
     # 2. Refuse rigid motions
     data, held = problem.displacement or problem.traction, list(problem.displacement)
-    free = np.setdiff1d(kinds.component, kinds.component[np.isin(on_boundary, held)]) if data else []
+    free: Int = frozen_int([])
+    if data:
+        free = np.setdiff1d(kinds.component, kinds.component[np.isin(on_boundary, held)])
     if len(free):
         component, reaction = mesh.graph.components(), problem.reactions(mesh.n_cells)
         free = free[~np.isin(component[free], component[reaction > 0.0])]
@@ -72,7 +75,8 @@ def elastic_boundary(mesh: Mesh, problem: Elasticity) -> Boundary:
     outer = mesh.face_cells[:, 1] < 0
     dirichlet = outer & np.isin(tags, held) if data else outer
     faces = (frozen_int(np.flatnonzero(mask)) for mask in (dirichlet, outer & ~dirichlet))
-    return Boundary(tags, *faces, floating=frozen_int([]))
+    fixed, natural = faces
+    return Boundary(tags, fixed, natural, floating=frozen_int([]))
 
 
 def vector_data(

@@ -6,6 +6,8 @@ the tractions on all faces of a cell are bounded together, by the largest eigenv
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from agglo_core.authoring import Float, Int, Mask, MeshError, frozen_float, frozen_int
@@ -84,7 +86,7 @@ def _ask(
     rule: FaceRule,
     sides: Int,
     cells: Int,
-    inverse: Float,
+    inverse: Any,
     requirements: Float,
 ) -> None:
     """Compute the ``requirements (n_faces, 2)`` of a batch of cells, with the pieces of all their faces.

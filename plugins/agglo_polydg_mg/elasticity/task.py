@@ -27,12 +27,15 @@ class ElasticityTask(DiffusionTask):
     :class:`~agglo_polydg_mg.solver.diffusion_task.DiffusionTask`.
     """
 
+    _how: Any
+
     def __init__(self, problem: Any, hierarchy: Any, how: Any, *rest: Any) -> None:
         super().__init__(problem, hierarchy, how.of_kind(problem.kind), *rest)
 
     def _assembled(self, mesh: Mesh, units: UnitForms | None, kept: Kept | None) -> solvers.FineSystem:
         self._found: Assembled = self._how.assembled(self.problem, mesh, self.basis)
-        return self._how.fine_from(self._found, self.problem, mesh)
+        fine: solvers.FineSystem = self._how.fine_from(self._found, self.problem, mesh)
+        return fine
 
     def _choose(self, overrides: Overrides) -> Plan:
         if overrides.recipe == "patches":
@@ -40,11 +43,11 @@ class ElasticityTask(DiffusionTask):
         given, sigma = replace(overrides, recipe="auto"), self._found.sigma
         stiffness, diagonal = self._found.material.acoustic[:, 1], self.fine.A.diagonal()
         plan = choose(self.basis.mesh, sigma, stiffness, self.basis.degree, given, diagonal)
-        recipe = overrides.recipe
+        recipe: Any = overrides.recipe
         if recipe == "auto":
             recipe = "agglomerates" if plan.recipe == "agglomerates" else "conforming"
-        smoother = "cells" if plan.smoother == "cells" or recipe != "conforming" else "groups"
-        cycle = "V" if overrides.cycle == "auto" else overrides.cycle
+        smoother: Any = "cells" if plan.smoother == "cells" or recipe != "conforming" else "groups"
+        cycle: Any = "V" if overrides.cycle == "auto" else overrides.cycle
         details = plan.reason[plan.reason.rindex("(") :]
         coarse = "continuous vectors and" if recipe == "conforming" else "rigid motions of the cells and"
         reason = (

@@ -6,8 +6,9 @@ Unknowns are ordered by cell, in a cell by component: component a of cell c has 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -35,9 +36,9 @@ def components(field: VectorField, mesh: Mesh, name: str) -> list[Field]:
     return [values[axis] if values.ndim == 1 else frozen_float(values[:, axis]) for axis in range(dim)]
 
 
-def _component(field: object, axis: int, dim: int, name: str) -> Field:
+def _component(field: Callable[[Float], Any], axis: int, dim: int, name: str) -> Field:
     def component(points: Float) -> Float:
-        values = np.asarray(field(points), float)  # type: ignore[operator]  # checked by the caller
+        values = np.asarray(field(points), float)
         if values.shape not in ((dim,), (len(points), dim)):
             raise OptionError(
                 f"{name} returned shape {values.shape} for {len(points)} points, not (q, {dim})"

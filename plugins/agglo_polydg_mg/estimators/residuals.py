@@ -59,8 +59,8 @@ def _scales(state: State) -> tuple[Float, Float]:
         cells, points, first = batch.cells, batch.points + mesh.origin, batch.offsets[:-1]
         part = slice(batch.first, batch.first + len(first))
         values = kappa(points, cells)
-        values = values if values.ndim == 1 else np.linalg.eigvalsh(values)[:, 0]
-        smallest[part] = np.minimum.reduceat(values, first)
+        least = values if values.ndim == 1 else np.linalg.eigvalsh(values)[:, 0]
+        smallest[part] = np.minimum.reduceat(least, first)
         if reaction is not None:
             least_reaction[part] = np.minimum.reduceat(reaction(points, cells), first)
     reach = mesh.cell_diameters / (np.pi * degree)
@@ -158,7 +158,8 @@ def _upwind(traces: Traces, speed: Float, reach: Float) -> Float:
 def _projection(basis: Basis, batch: Batch, part: slice, tests: Float, values: Float) -> Float:
     """Return the coefficients ``(n, n_local, m)`` of the L2 projections of ``values (q, m)``."""
     products = batch.weights[:, None, None] * tests[:, :, None] * values[:, None, :]
-    return np.linalg.solve(basis.mass_blocks[part], np.add.reduceat(products, batch.offsets[:-1], axis=0))
+    sums = np.add.reduceat(products, batch.offsets[:-1], axis=0)
+    return frozen_float(np.linalg.solve(basis.mass_blocks[part], sums))
 
 
 def _sum(batch: Batch, values: Float) -> Float:

@@ -8,7 +8,7 @@ depend on the ratio; for κ = 1 averages are arithmetic and γ = 1.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from scipy import sparse
@@ -273,7 +273,7 @@ def _matrix(
             face_blocks(points, pairs, cells, faces, in_strip, slots, *form_data, blocks)
         else:
             assert not isinstance(kappa, Tensor)
-            parts = slots, diagonal, sigma, frozen_float(kappa), units.stiffness, units.faces
+            parts = slots, diagonal, sigma, frozen_float(cast(Any, kappa)), units.stiffness, units.faces
             add_scaled_blocks(cells, faces, in_strip, *parts, blocks)
 
     # 2. Faces, strip by strip

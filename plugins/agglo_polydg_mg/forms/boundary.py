@@ -205,15 +205,18 @@ def natural_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
 
 def natural_values(mesh: Mesh, boundary: Boundary, problem: Diffusion, rule: FaceRule) -> Float:
     """Evaluate Neumann data and g of Robin data ``(t, q)`` at the points of a rule on natural faces."""
-    g = boundary_values(mesh, boundary.tags, problem.neumann, rule.faces, rule.points, "neumann")
-    return g + boundary_values(mesh, boundary.tags, _second(problem.robin), rule.faces, rule.points, "robin")
+    g: Float = boundary_values(mesh, boundary.tags, problem.neumann, rule.faces, rule.points, "neumann")
+    robin: Float = boundary_values(
+        mesh, boundary.tags, _second(problem.robin), rule.faces, rule.points, "robin"
+    )
+    return np.asarray(g + robin)
 
 
 def natural_sizes(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
     """Return the integral of |g| over the Neumann and Robin faces of each cell ``(n_cells,)``."""
     mesh, rule = basis.mesh, rule_of(basis, boundary.natural)
     sizes = np.abs(rule.weights * natural_values(mesh, boundary, problem, rule)).sum(axis=1)
-    return np.bincount(mesh.face_cells[rule.faces, 0], sizes, mesh.n_cells)
+    return frozen_float(np.bincount(mesh.face_cells[rule.faces, 0], sizes, mesh.n_cells))
 
 
 def robin_alpha(mesh: Mesh, boundary: Boundary, problem: Diffusion, rule: FaceRule) -> Float:

@@ -87,7 +87,7 @@ def mean_speed(mesh: Mesh, convection: Any) -> Float | float:
     b = velocity(mesh, convection)
     if b is None:
         return 0.0
-    return np.linalg.norm(b(mesh.cell_centroids) if callable(b) else b, axis=1)
+    return frozen_float(np.linalg.norm(b(mesh.cell_centroids) if callable(b) else b, axis=1))
 
 
 def face_flows(mesh: Mesh, convection: Any) -> Float:

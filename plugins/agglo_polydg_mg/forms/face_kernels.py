@@ -3,6 +3,8 @@
 Polynomials and boxes are defined in :mod:`~agglo_polydg_mg.space.legendre_kernels`.
 """
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 import numpy as np

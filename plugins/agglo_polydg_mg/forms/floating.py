@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mesh, OptionError, frozen_float, frozen_int
+from agglo_core.fields.tensors import Tensor
 from agglo_polydg_mg.forms.boundary import Boundary, natural_sizes
 from agglo_polydg_mg.forms.coefficients import cell_means
 from agglo_polydg_mg.space.basis import Basis
@@ -32,7 +33,7 @@ def floating_parts(mesh: Mesh, boundary: Boundary) -> list[Int]:
     return [frozen_int(np.flatnonzero(component == component[cell])) for cell in boundary.floating]
 
 
-def hold(basis: Basis, kappa: Field, parts: Sequence[Int], blocks: Float, places: Int) -> None:
+def hold(basis: Basis, kappa: Field | Tensor, parts: Sequence[Int], blocks: Float, places: Int) -> None:
     """Add a number to one diagonal entry of the matrix ``blocks`` for each floating component.
 
     The entry is that of the constant in the cell with the largest κ. For u = 1 it adds the energy κ |Ω|^(1 −
@@ -104,4 +105,4 @@ def mean_remover(basis: Basis, parts: Sequence[Int]) -> Callable[[Float], Float]
 def _magnitude(field: Field) -> Field:
     if callable(field):
         return lambda points: np.abs(np.asarray(field(points), float))
-    return np.abs(np.asarray(field, float))
+    return frozen_float(np.abs(np.asarray(field, float)))

@@ -6,6 +6,8 @@ the matrices alone are too small for fast loops. Each cell's requirement is then
 faces.
 """
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 import numpy as np

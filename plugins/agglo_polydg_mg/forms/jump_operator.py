@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -57,7 +57,8 @@ def jump_operator(basis: Basis, kappa: Field | Tensor, sigma: Float) -> JumpOper
     if rows * basis.n_local > _MOST:
         return None
     # 2. Values of the basis on either side, batch by batch
-    entries, columns, counts, weights = ([np.zeros(0)] for _ in range(4))
+    lists: list[list[Any]] = [[np.zeros(0)] for _ in range(4)]
+    entries, columns, counts, weights = lists
     faces, points = np.zeros(0, int), np.zeros((0, 1, mesh.dim))
     for group, n, cells in groups:
         for first in range(0, len(group), _FACES):

@@ -269,4 +269,4 @@ def difference_quotients(basis: Basis, exact: Callable[[Float], Float], offset: 
             for k in (-2, -1, 1, 2)
         ]
         result[:, axis] = (at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * steps[:, axis])
-    return result
+    return np.asarray(result)

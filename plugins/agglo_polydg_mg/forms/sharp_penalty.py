@@ -67,7 +67,7 @@ def sharp_penalty(
     if natural is not None:
         penalised[natural] = False
     if units is not None and not callable(kappa) and not isinstance(kappa, Tensor):
-        requirements, resolved = units.requirements(kappa, penalised)
+        requirements, resolved = units.requirements(frozen_float(kappa), penalised)
     else:
         assert blocks is not None
         ask = _plane_requirements if basis.mesh.dim == 2 else solid_requirements
@@ -175,7 +175,7 @@ def _least_kappa(mesh: Mesh, kappa: Field | Tensor, degree: int) -> Float:
         return np.ones(mesh.n_cells)
     if isinstance(kappa, Tensor):
         given = kappa
-        return _least_kappa(mesh, lambda x: np.linalg.eigvalsh(given.at(x, None))[:, 0], degree)
+        return _least_kappa(mesh, lambda x: frozen_float(np.linalg.eigvalsh(given.at(x, None))[:, 0]), degree)
     if not callable(kappa):
         return np.broadcast_to(np.asarray(kappa, float), (mesh.n_cells,))
     least = np.full(mesh.n_cells, np.inf)

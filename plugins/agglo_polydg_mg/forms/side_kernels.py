@@ -5,6 +5,8 @@ side. All faces of the side contribute to the integrals of these powers, weighte
 all later work is independent of the face count.
 """
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 import numpy as np

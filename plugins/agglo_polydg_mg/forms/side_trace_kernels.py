@@ -1,5 +1,7 @@
 """Kernel for the sharp penalty in 3-D: the trace inverse inequality on each side of each cell."""
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 import numpy as np

@@ -4,6 +4,8 @@ They compute it directly for any κ, or in two steps if κ is constant in each c
 kept, and scaled by each κ.
 """
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Kernel for the largest triangles inside a cell with one of its faces as base."""
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 import numpy as np

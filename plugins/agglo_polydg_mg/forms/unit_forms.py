@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from agglo_core.authoring import Field, Float, frozen_float
+from agglo_core.authoring import Float, frozen_float
 from agglo_core.fields.gauss_points import gauss
 from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.space.basis import Basis, stiffness
@@ -95,7 +95,7 @@ class UnitForms:
         resolved = np.concatenate(over_ranges(write, mesh.n_cells, few=COSTLY))
         return frozen_float(forms), resolved
 
-    def requirements(self, kappa: Field, held: np.ndarray) -> tuple[Float, np.ndarray]:
+    def requirements(self, kappa: Float, held: np.ndarray) -> tuple[Float, np.ndarray]:
         """Return the penalties that cells require on penalised faces for κ ``(n_cells,)``, and a cell mask.
 
         The mask is True for cells that are not too thin for the eigenvalue problem. The shapes are

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
@@ -35,6 +35,7 @@ from agglo_polydg_mg.paper.outer_iterations import (
     require_linear,
     require_together,
 )
+from agglo_polydg_mg.paper.schwarz import Solve
 from agglo_polydg_mg.polydg import PolyDG
 
 
@@ -92,7 +93,7 @@ class ComposedMultigrid:
         transfer: str | multigrid.Transfer = "smoothed",
         coarse_operator: str | multigrid.CoarseOperator = "galerkin",
         smoother: str | Smoother = "gauss_seidel",
-        coarse_solver: str | multigrid.CoarseSolver = "elimination",
+        coarse_solver: str | multigrid.CoarseSolver | Callable[[Any], Solve] = "elimination",
         cycle: Cycle = "V",
         outer: Outer = "cg",
         smoothing_steps: int = 1,

@@ -49,7 +49,7 @@ class LevelSpaces:
     fine: solvers.FineSystem
     system: System
     injected: list[Any]
-    rediscretised: list[Callable[[], Any]] | None = None
+    rediscretised: Sequence[Callable[[], Any]] | None = None
 
 
 def level_spaces(problem: Problem, hierarchy: Hierarchy, labels: Sequence[Int], how: PolyDG) -> LevelSpaces:

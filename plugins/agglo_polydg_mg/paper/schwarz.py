@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Float, Int, MultigridLevel, Registry, Smoother, multigrid
+from agglo_core.authoring import Float, Int, MultigridLevel, Registry, Smoother, frozen_float, multigrid
 from agglo_core.registry.attribution import Member
 from agglo_polydg_mg.auxiliary.transfer import diagonal_blocks
 
@@ -62,7 +62,7 @@ def block_jacobi(A: Any, width: int) -> Solve:
     LinAlgError
         If a block is singular.
     """
-    inverses = np.linalg.inv(diagonal_blocks(A, width))
+    inverses = frozen_float(np.linalg.inv(diagonal_blocks(A, width)))
     return partial(_equal_blocks, inverses)
 
 

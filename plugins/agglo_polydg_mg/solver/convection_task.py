@@ -113,5 +113,6 @@ class ConvectionTask(DiffusionTask):
         The iteration continues from the end of the histories ``before``, if given.
         """
         start: Float | None = before[0].x if before else None
-        fine, options = self.fine, {"tolerance": tolerance, "most": most, "pace": pace}
-        return [multigrid.gcr(fine.A, fine.b, M.matvec, start, **options, measure=fine.measure, tell=tell)]
+        fine = self.fine
+        limits: dict[str, Any] = {"tolerance": tolerance, "most": most, "pace": pace}
+        return [multigrid.gcr(fine.A, fine.b, M.matvec, start, **limits, measure=fine.measure, tell=tell)]

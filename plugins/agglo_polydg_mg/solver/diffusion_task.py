@@ -275,8 +275,9 @@ class DiffusionTask:
 
     def given_back(self, solution: Solution) -> Solution:
         """Return the solution on the user's mesh, in the user's numbering."""
-        meaning = {"discretisation": self._how, "mesh": self._mesh, "problem": self._problem}
-        return self.numbering.solution(replace(solution, **meaning))
+        how: Any = self._how
+        posed = replace(solution, discretisation=how, mesh=self._mesh, problem=self._problem)
+        return self.numbering.solution(posed)
 
     def unsolved(self, reason: str) -> list[History]:
         """Return the convergence history of an iteration that could not start."""

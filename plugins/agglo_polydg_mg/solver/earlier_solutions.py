@@ -15,7 +15,7 @@ _ROWS = 256  # per block: 16 KiB for 8 vectors, which stay in the L1 cache (benc
 
 
 @kernel
-def differences_of(vectors, table):
+def differences_of(vectors: Any, table: Any) -> None:
     """Write the backward differences of successive vectors, by order, to the columns of ``table (n, WIDE)``.
 
     The ``vectors (k, n)`` are ordered by age, the latest last. Order 0 is the latest vector itself.
@@ -47,7 +47,7 @@ def differences_of(vectors, table):
 
 
 @kernel
-def half_products(indptr, indices, blocks, table, products):
+def half_products(indptr: Any, indices: Any, blocks: Any, table: Any, products: Any) -> None:
     """Write the product H V to ``products (n, WIDE)``, for a symmetric block matrix A = H + Hᵀ.
 
     V is ``table (n, WIDE)``. H contains the blocks of the lower half, and half of each diagonal block:
@@ -109,8 +109,6 @@ def best_combination(A: Any, b: Float, earlier: Sequence[Float]) -> Float:
     >>> best_combination(A, np.array([1.0, 2.0, 0.0]), [np.ones(3), np.array([1.0, 1.0, 0.0])]).round(9)
     array([1., 1., 0.])
     """
-    from agglo_polydg_mg.solver.earlier_solutions import WIDE, differences_of
-
     V = np.empty((len(b), WIDE))  # differences keep the digits that similar vectors would lose
     differences_of(np.array(earlier[-KEPT:], dtype=np.float64), V)
     # 1. G = Vᵀ A V, scaled to a unit diagonal; columns without energy are scaled to 0.
@@ -127,8 +125,6 @@ def best_combination(A: Any, b: Float, earlier: Sequence[Float]) -> Float:
 
 def _energies(A: Any, V: Float) -> Float:
     """Return the energy products Vᵀ A V ``(k, k)`` of the columns of V."""
-    from agglo_polydg_mg.solver.earlier_solutions import half_products
-
     if getattr(A, "format", "") != "bsr" or A.blocksize[0] != A.blocksize[1] or A.dtype != np.float64:
         return np.asarray(V.T @ (A @ V), dtype=np.float64)
     products = np.empty(V.shape)

@@ -18,6 +18,7 @@ from agglo_core.authoring import (
     Elasticity,
     Float,
     Hierarchy,
+    Index,
     Int,
     Lifting,
     Mesh,
@@ -91,13 +92,13 @@ class Numbering:
 
         Invalid data pass unchanged too: later checks refuse them.
         """
-        if field is None or callable(field):
+        if field is None or callable(field) or self.cells is None:
             return field
         try:
             values = np.asarray(field, dtype=float)
         except (TypeError, ValueError):
             return field
-        by_cell = values.ndim > 0 and len(values) == np.size(self.cells)  # vectors and tensors, too
+        by_cell = values.ndim > 0 and len(values) == len(self.cells)  # vectors and tensors, too
         return values[self.cells] if by_cell else field
 
     def solution(self, solution: Solution) -> Solution:
@@ -116,12 +117,13 @@ class Numbering:
         A, (finest, P), *coarser = solution.A, *solution.operators
         user_matrix = Deferred(partial(_matrix, A, self.cells))
         levels_of = user_matrix if finest is A else Deferred(partial(_matrix, finest, self.cells))
+        operators: Any = Deferred(partial(_operators, levels_of, P, rows, coarser))
         return replace(
             solution,
             x=_take_rows(solution.x, rows),
             b=_take_rows(solution.b, rows),
             A=user_matrix,
-            operators=Deferred(partial(_operators, levels_of, P, rows, coarser)),
+            operators=operators,
             lifting=lifting,
         )
 
@@ -171,7 +173,7 @@ def numbering_for(hierarchy: Hierarchy) -> Numbering:
     return Numbering(replace(hierarchy, fine=there, graph=there.graph, levels=levels), cells)
 
 
-def _is_scattered(indptr: Int, indices: Int, dim: int) -> bool:
+def _is_scattered(indptr: Int, indices: Index, dim: int) -> bool:
     """Return True if neighbouring cells have distant indices on average."""
     n = len(indptr) - 1
     distances = np.abs(indices - np.repeat(np.arange(n, dtype=np.int32), np.diff(indptr)))
@@ -193,6 +195,6 @@ def _matrix(A: sparse.bsr_array, cells: Int) -> sparse.bsr_array:
     return sparse.bsr_array(taken, shape=A.shape, blocksize=(width, width))
 
 
-def _operators(A: Deferred[Any], P: Any, rows: Int, coarser: list[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
+def _operators(A: Deferred, P: Any, rows: Int, coarser: list[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
     """Return matrices and prolongations of the levels, the finest in the user's numbering."""
     return [(A.value, None if P is None else sparse.csr_array(P)[rows]), *coarser]

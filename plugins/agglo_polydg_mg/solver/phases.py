@@ -58,8 +58,9 @@ def task_for(
     if isinstance(problem, Diffusion) and solvers.has_convection(problem):
         return ConvectionTask(problem, hierarchy, how, overrides, count, units, None, numbering, kept)
     if isinstance(problem, Diffusion | Elasticity):
-        made = DiffusionTask if isinstance(problem, Diffusion) else ElasticityTask
-        return made(problem, hierarchy, how, overrides, count, units, plan, numbering, kept)
+        made: Any = DiffusionTask if isinstance(problem, Diffusion) else ElasticityTask
+        task: Task = made(problem, hierarchy, how, overrides, count, units, plan, numbering, kept)
+        return task
     if isinstance(problem, Linear):
         return solvers.LinearTask(
             problem, hierarchy, count, overrides.recipe, overrides.cycle, overrides.precision
@@ -83,7 +84,8 @@ def set_up(
         with watch("hierarchy"), phase(progress, "agglomerating"):
             _ = task.labels  # computed on first access
     with watch("setup"), phase(progress, title):
-        return task.stack()
+        stack: multigrid.LevelStack = task.stack()
+        return stack
 
 
 def initial_guess(task: Task, start: Float) -> list[History]:
@@ -118,7 +120,8 @@ def iterate(
     At most ``most`` iterations are done, including the iterations in ``before``.
     """
     n_remaining = most - max((item.iterations for item in before or () if not item.final), default=0)
-    M = multigrid.cycle(stack, task.cycle)
+    kind: Any = task.cycle
+    M = multigrid.cycle(stack, kind)
     with watch("solve"), phase(progress, "solving") as tell:
         histories = task.iterate(M, tolerance, n_remaining, before, tell, pace)
     return (

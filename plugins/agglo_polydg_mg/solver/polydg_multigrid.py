@@ -196,7 +196,8 @@ class PolyDGMultigrid:
         task = self._task(problem, hierarchy)
         task.use_double()
         try:
-            M = multigrid.cycle(task.stack(), task.cycle)
+            kind: Any = task.cycle
+            M = multigrid.cycle(task.stack(), kind)
         except np.linalg.LinAlgError as failure:
             raise OptionError(f"cannot build a preconditioner for this matrix: {failure}") from failure
         return task.preconditioner(M)

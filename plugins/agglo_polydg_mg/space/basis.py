@@ -170,14 +170,14 @@ class Basis:
         if self.mesh.dim == 2:
             (c, s), (slope_u, slope_v) = self.boxes[cells, 4:].T, values
             values = np.stack((c * slope_u - s * slope_v, s * slope_u + c * slope_v))
-        return np.transpose(values, (2, 0, 1))
+        return np.asarray(np.transpose(values, (2, 0, 1)))
 
     def _products(self, lines: list[Float]) -> Float:
         """Multiply polynomials ``(degree + 1, q)`` along the axes to basis functions ``(n_local, q)``."""
         first, *rest = (line[own] for line, own in zip(lines, orders(self.degree, len(lines)).T, strict=True))
         for each in rest:
             first = first * each
-        return first
+        return np.asarray(first)
 
     def _inside(self, cells: Int, points: Float) -> Float:
         """Map points to coordinates ``(d, q)`` in their cells' boxes, −1..1 inside."""

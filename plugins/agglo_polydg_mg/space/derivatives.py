@@ -52,7 +52,8 @@ def derivatives(basis: Basis) -> Float:
 
     ∂φ_k / ∂x_i = Σ_l E[i, l, k] φ_l in each cell.
     """
-    return np.einsum("cia,alk->cilk", directions(basis), _derivatives(basis.degree, basis.mesh.dim))
+    E = np.einsum("cia,alk->cilk", directions(basis), _derivatives(basis.degree, basis.mesh.dim))
+    return np.asarray(E)
 
 
 def cell_integrals(basis: Basis, x: Float) -> Float:

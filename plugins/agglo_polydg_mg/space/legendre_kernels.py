@@ -5,6 +5,8 @@ box consists of its centre, its half sides and the direction of the first (cx, c
 Polynomials are numbered by total degree: (0,0), (1,0), (0,1), (2,0), (1,1), (0,2), …
 """
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 import numpy as np

@@ -4,6 +4,8 @@ Polynomials are products L_i(x̂) L_j(ŷ) L_k(ẑ) of orthonormal Legendre polyn
 given by its centre and its half sides; ``orders (m, 3)`` are i, j, k. Faces are fans of triangles.
 """
 
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
 from __future__ import annotations
 
 import numpy as np

@@ -6,11 +6,11 @@ Successive cells are then adjacent in memory: loops are twice as fast, and no nu
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
-from agglo_core.authoring import Float, Int, Mesh, frozen_int
+from agglo_core.authoring import Int, Mesh, frozen_int
 from agglo_core.graph.ordering import curve_order
 
 FEW: Final = {2: 10_000, 3: 3_000}
@@ -45,7 +45,7 @@ class Walk:
         places = np.repeat(offsets[self.cells] - ends[:-1], counts) + np.arange(ends[-1])
         return frozen_int(ends), frozen_int(items[places])
 
-    def back(self, values: Float) -> Float:
+    def back(self, values: Any) -> Any:
         """Reorder values ``(n_cells, …)`` from walk order to cell index order."""
         found = np.empty_like(values)
         found[self.cells] = values
