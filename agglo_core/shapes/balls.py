@@ -8,8 +8,11 @@ centroid and along its principal axes, so that boxes around flat agglomerates ar
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from agglo_core.arrays import Float, Int, Mask
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.shapes.inscribed_3d import (
     BLOCK,
@@ -41,10 +44,54 @@ _LARGE = 0.4  # half diagonal of a box over the best radius, above which planes 
 _THIN = 2.2  # ratio of the longest to the shortest box side, above which planes are tried at any size
 _LISTED = 4  # number of triangle blocks up to which lists are not copied (benchmarks/constants.py)
 
-# Boxes wait on a stack, one per row: an upper bound of the radii in the box, the centre x, y, z, three half
-# sides, 1 if the whole box is inside (0 if unknown), the block range of its list, and the end of all lists up
-# to here. Each halving adds one row, and boxes halve at most 31 times along each axis until they are _FINEST.
-_WIDTH, _ROWS = 11, 256
+# Boxes halve at most 31 times along each axis until they are _FINEST, and each halving adds one to the stack.
+_ROWS = 256
+
+
+class Boxes(NamedTuple):
+    """Stack of the boxes still to open, one per row.
+
+    Attributes
+    ----------
+    bounds : (_ROWS,) float
+        Upper bound of the radii of balls with their centre in the box.
+    centres, sides : (_ROWS, 3) float
+        Centre and half sides.
+    inside : (_ROWS,) bool
+        True if the whole box is known to lie inside the solid.
+    lists : (_ROWS, 3) int
+        Begin and end of the box's list of triangles, in blocks, and the end of all lists up to here.
+    """
+
+    bounds: Float
+    centres: Float
+    sides: Float
+    inside: Mask
+    lists: Int
+
+
+class Scratch(NamedTuple):
+    """Workspace of the linear program over tangent planes, and of bounds by averages.
+
+    Attributes
+    ----------
+    centre : (3,) float
+        Maximiser, relative to the centre of the box.
+    cube : (3,) float
+        Half sides of the cube in which a ball is polished.
+    some, weight : (4,) int and float
+        Triangles whose constraints are active, and their multipliers λ.
+    inverse, row, sums : (4, 4), (4,) and (8,) float
+        Workspace alone.
+    """
+
+    centre: Float
+    cube: Float
+    some: Int
+    weight: Float
+    inverse: Float
+    row: Float
+    sums: Float
 
 
 @helper
@@ -56,23 +103,23 @@ def _radius_at(solid, x, y, z):
 
 
 @helper
-def _polish_ball(solid, at, radius, sides, centre, some, weight, inverse, row):
+def _polish_ball(solid, at, radius, contacts, share, scratch):
     """Move the centre of an inscribed ball to a nearby local maximum of the radius, by Newton steps.
 
     ``at (3,)`` is the initial centre of the ball with this ``radius``, and receives the new centre. The
-    triangles that touch the ball and their λ are written to ``some`` and ``weight``, ``(4,)`` each.
-    ``sides``, ``centre``, ``inverse`` and ``row`` are workspace.
+    triangles that touch the ball and their λ are written to ``contacts`` and ``share``, ``(4,)`` each.
     """
     _, table, _, blocks = solid
+    centre, cube, inverse, row = scratch.centre, scratch.cube, scratch.inverse, scratch.row
     trust, none = radius, np.int64(0)
     for _ in range(12):
         # 1. Linearise all distances at the centre (without a box: tangents), and maximise r with r ≤ each
         #    tangent over a cube with half side ``trust``.
         linearise_triangles(table, none, blocks, at[0], at[1], at[2], 0.0, 0.0, 0.0)
         first = lowest_plane(table, none, blocks, 0.0, 0.0, 0.0)
-        sides[0], sides[1], sides[2] = trust, trust, trust
+        cube[0], cube[1], cube[2] = trust, trust, trust
         most = ball_in_box(
-            table, none, blocks, first, sides, 0.0, 1e-13 * radius, centre, some, weight, inverse, row
+            table, none, blocks, first, cube, 0.0, 1e-13 * radius, centre, contacts, share, inverse, row
         )
         # 2. Stop when the tangents promise no gain.
         if most <= radius * (1.0 + 1e-10):
@@ -118,49 +165,106 @@ def _box_around_all(corners, m, low, sides):
         low[k], sides[k] = 0.5 * (least + most), 0.5 * (most - least)
 
 
+@helper
+def _bound_by_averages(table, first, last, x, y, z, sides, d, reach, enough, scratch):
+    """Return a bound of the radii in a box, by a linear program over planes above all distances.
+
+    ``scratch.centre`` receives the maximiser. ``d`` is the distance of the box centre to the surface, and
+    ``reach`` half the diagonal. A bound of at most ``enough`` need not be sharp.
+    """
+    linearise_triangles(table, first, last, x, y, z, sides[0], sides[1], sides[2])
+    # 1. If the bound does not decide, planes of triangles in large flat faces can be lowered, and the program
+    #    is solved again.
+    for _ in range(4):
+        most = ball_in_box(
+            table, first, last, lowest_plane(table, first, last, 0.0, 0.0, 0.0), sides, enough,
+            1e-3 * enough, scratch.centre, scratch.some, scratch.weight, scratch.inverse, scratch.row,
+        )  # fmt: skip
+        if most <= enough or not lower_planes(
+            table, first, last, d + reach, scratch.some, scratch.weight, x, y, z, sides
+        ):
+            break
+    if most <= enough:
+        return most
+    # 2. The plane bound may be loose where the average of the true distances is tight.
+    average = _highest_average(table, scratch.some, scratch.weight, x, y, z, sides, scratch.sums)
+    return min(most, average)
+
+
+@helper
+def _push(boxes, size, bound, x, y, z, sides, inside, first, last, top):
+    """Put a box on the stack of ``size`` boxes."""
+    boxes.bounds[size], boxes.inside[size] = bound, inside
+    boxes.centres[size, 0], boxes.centres[size, 1], boxes.centres[size, 2] = x, y, z
+    for k in range(3):
+        boxes.sides[size, k] = sides[k]
+    boxes.lists[size, 0], boxes.lists[size, 1], boxes.lists[size, 2] = first, last, top
+
+
+@helper
+def _swap_last(boxes, size):
+    """Swap the last two boxes of the stack, except for the end of all lists."""
+    i, j = size - 1, size - 2
+    boxes.bounds[i], boxes.bounds[j] = boxes.bounds[j], boxes.bounds[i]
+    boxes.inside[i], boxes.inside[j] = boxes.inside[j], boxes.inside[i]
+    for k in range(3):
+        boxes.centres[i, k], boxes.centres[j, k] = boxes.centres[j, k], boxes.centres[i, k]
+        boxes.sides[i, k], boxes.sides[j, k] = boxes.sides[j, k], boxes.sides[i, k]
+    for k in range(2):
+        boxes.lists[i, k], boxes.lists[j, k] = boxes.lists[j, k], boxes.lists[i, k]
+    boxes.lists[j, 2] = boxes.lists[i, 2]
+
+
 @helper(allocates=True)
-def _largest_ball(corners, table, m, blocks, diameter, best, stack):
+def _largest_ball(corners, table, m, blocks, diameter, best, boxes, scratch):
     """Return the radius of the largest inscribed ball with any centre, by depth-first branch and bound.
 
     Also returns the table for reuse. ``best`` is the radius about the origin, 0 if the origin is outside. See
-    :func:`balls` for the bounds. ``stack`` is workspace.
+    :func:`balls` for the bounds. ``boxes`` and ``scratch`` are workspace.
     """
-    at, centre, sides, cube = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    some, weight, contacts, share = np.zeros(4, np.int64), np.zeros(4), np.zeros(4, np.int64), np.zeros(4)
-    inverse, row, sums = np.zeros((4, 4)), np.zeros(4), np.zeros(8)
+    centre, sums, none, sides, at = scratch.centre, scratch.sums, np.int64(0), np.zeros(3), np.zeros(3)
+    contacts, share = np.zeros(4, np.int64), np.zeros(4)
     nearest, only = np.zeros(4, np.int64), np.array([1.0, 0.0, 0.0, 0.0])
-    none = np.int64(0)
     # 1. Convex solid: distances are distances to planes, and one linear program finds the maximum. Its box
     #    extends a diameter from the centroid in all directions, so it never binds.
     if m <= _CONVEX and convex_solid(corners, table, m, blocks, 1e-12 * diameter):
         sides[0], sides[1], sides[2] = diameter, diameter, diameter
         best = ball_in_box(
-            table, none, blocks, none, sides, 0.0, 1e-15 * diameter, centre, some, weight, inverse, row
-        )
+            table, none, blocks, none, sides, 0.0, 1e-15 * diameter, centre, contacts, share,
+            scratch.inverse, scratch.row,
+        )  # fmt: skip
         return best, table
     # 2. Initial ball: the ball about the origin, moved to a nearby maximum. The triangles that touch it and
     #    their λ, in ``contacts`` and ``share``, give a bound below. ``polished`` is their radius.
     polished = 0.0
     if best > 0.0:
-        best = _polish_ball(
-            (corners, table, m, blocks), at, best, cube, centre, contacts, share, inverse, row
-        )
+        best = _polish_ball((corners, table, m, blocks), at, best, contacts, share, scratch)
         polished = best
     # 3. Root: the centres of larger balls are at least ``best`` inside the box around all triangles. Its list
     #    has all blocks.
     _box_around_all(corners, m, centre, sides)
-    x0, y0, z0 = centre[0], centre[1], centre[2]
     for k in range(3):
         sides[k] = max(sides[k] - best, 0.0)
-    start, stop, sure = none, blocks, False
-    size, top, parts, opened, accuracy, tiny = none, blocks, 1, 0, _ACCURACY, _FINEST * diameter
+    _push(boxes, none, np.inf, centre[0], centre[1], centre[2], sides, False, none, blocks, blocks)
+    size, parts, opened, accuracy, tiny = np.int64(1), 1, 0, _ACCURACY, _FINEST * diameter
     while True:
-        # 4. Halve the open box across its longest side; the root is processed as a whole. R, half the
-        #    diagonal, is ``reach``.
+        # 4. Open the last box that can contain a larger ball, or stop.
+        while size > 0 and boxes.bounds[size - 1] <= best * (1.0 + accuracy) + tiny:
+            size -= 1
+        if size == 0:
+            break
+        size -= 1
+        x0, y0, z0 = boxes.centres[size, 0], boxes.centres[size, 1], boxes.centres[size, 2]
+        for k in range(3):
+            sides[k] = boxes.sides[size, k]
+        start, stop, top = boxes.lists[size, 0], boxes.lists[size, 1], boxes.lists[size, 2]
+        sure, pushed = boxes.inside[size], 0
+        # 5. Halve it across its longest side; the root is processed as a whole. R, half the diagonal, is
+        #    ``reach``.
         axis = 0 if sides[0] >= max(sides[1], sides[2]) else (1 if sides[1] >= sides[2] else 2)
         if parts == 2:
             sides[axis] *= 0.5
-        reach, pushed = np.sqrt(sides[0] * sides[0] + sides[1] * sides[1] + sides[2] * sides[2]), 0
+        reach = np.sqrt(sides[0] * sides[0] + sides[1] * sides[1] + sides[2] * sides[2])
         for part in range(parts):
             shift = (2 * part - 1) * sides[axis] * (parts - 1)
             x, y, z = x0 + (axis == 0) * shift, y0 + (axis == 1) * shift, z0 + (axis == 2) * shift
@@ -171,19 +275,19 @@ def _largest_ball(corners, table, m, blocks, diameter, best, stack):
                 accuracy *= 2.0
                 tiny *= 10.0 if best <= tiny else 1.0
             enough = best * (1.0 + accuracy) + tiny
-            # 5. The bounds d + R, and by the triangle nearest to the centre: drop the box before more
+            # 6. The bounds d + R, and by the triangle nearest to the centre: drop the box before more
             #    expensive tests.
             nearest[0] = nearest_triangle(table, start, stop, x, y, z)
             d = np.sqrt(table[nearest[0] + VALUES])
             if d + reach <= enough or _highest_average(table, nearest, only, x, y, z, sides, sums) <= enough:
                 continue
-            # 6. Keep only triangles within d + 2R of the centre; no other triangle is nearest anywhere in the
+            # 7. Keep only triangles within d + 2R of the centre; no other triangle is nearest anywhere in the
             #    box. The copy lies above all lists in use, and is overwritten unless the box is pushed.
             first, last = start, stop
             if stop - start > _LISTED:
                 limit = (d + 2.0 * reach) ** 2 * (1.0 + 1e-9)
                 table, first, last = shorter_list(table, start, stop, limit, top)
-            # 7. A larger radius needs a certain test. The bound R - d is for an outside centre. If a box lies
+            # 8. A larger radius needs a certain test. The bound R - d is for an outside centre. If a box lies
             #    completely inside, as d > R, its halves need no test.
             inside = sure or on_inner_side(table, nearest[0], x, y, z)
             if not inside or d > best:
@@ -193,78 +297,39 @@ def _largest_ball(corners, table, m, blocks, diameter, best, stack):
             if not inside and reach - d <= enough:
                 continue
             bound = d + reach if inside else reach - d
-            # 8. Bounds by averages Σ λ_i d_i; they only pay in boxes that are small relative to the ball, or
-            #    thin.
+            # 9. Bounds by averages Σ λ_i d_i, first with the triangles that touch the best ball so far. They
+            #    only pay in boxes that are small relative to the ball, or thin.
             longest = max(sides[0], max(sides[1], sides[2]))
             if reach <= _LARGE * best or longest > _THIN * min(sides[0], min(sides[1], sides[2])):
-                # 8a. With the triangles that touch the best ball so far.
                 if polished > 0.0 and (
                     _highest_average(table, contacts, share, x, y, z, sides, sums) <= enough
                 ):
                     continue
-                # 8b. With the λ of the linear program over planes above all distances. If the bound does not
-                #     decide, planes of triangles in large flat faces can be lowered, and the program is
-                #     solved again.
-                linearise_triangles(table, first, last, x, y, z, sides[0], sides[1], sides[2])
-                for _ in range(4):
-                    most = ball_in_box(
-                        table, first, last, lowest_plane(table, first, last, 0.0, 0.0, 0.0), sides, enough,
-                        1e-3 * enough, centre, some, weight, inverse, row,
-                    )  # fmt: skip
-                    if most <= enough or not lower_planes(
-                        table, first, last, d + reach, some, weight, x, y, z, sides
-                    ):
-                        break
-                if most <= enough:
-                    continue
-                # The plane bound may be loose where the average of the true distances is tight.
-                bound = min(bound, min(most, _highest_average(table, some, weight, x, y, z, sides, sums)))
+                average = _bound_by_averages(table, first, last, x, y, z, sides, d, reach, enough, scratch)
+                bound = min(bound, average)
                 if bound <= enough:
                     continue
-                # 9. The maximiser of the program is a promising centre: compare with the list, then with all
-                #    triangles.
+                # 10. The maximiser of the program is a promising centre: compare with the list, then with all
+                #     triangles.
                 x1, y1, z1 = x + centre[0], y + centre[1], z + centre[2]
                 if table[nearest_triangle(table, first, last, x1, y1, z1) + VALUES] > best * best:
                     better = _radius_at((corners, table, m, blocks), x1, y1, z1)
                     if better > best:
                         best, at[0], at[1], at[2] = better, x1, y1, z1
-            # 10. Polish a clearly larger ball, so that step 8a uses the triangles that touch it.
+            # 11. Polish a clearly larger ball, so that step 9 uses the triangles that touch it.
             if best > polished * (1.0 + _ACCURACY):
-                solid = corners, table, m, blocks
-                best = _polish_ball(solid, at, best, cube, centre, contacts, share, inverse, row)
+                best = _polish_ball((corners, table, m, blocks), at, best, contacts, share, scratch)
                 polished = best
-            # 11. Push the box.
+            # 12. Push the box. The half with the larger bound is opened first.
             top = max(top, last)
-            stack[size, 0], stack[size, 1], stack[size, 2], stack[size, 3] = bound, x, y, z
-            stack[size, 4], stack[size, 5], stack[size, 6] = sides[0], sides[1], sides[2]
-            stack[size, 7] = 1.0 if inside and d > reach else 0.0
-            stack[size, 8], stack[size, 9], stack[size, 10] = first, last, top
+            _push(boxes, size, bound, x, y, z, sides, inside and d > reach, first, last, top)
             size += 1
             pushed += 1
-        # 12. The half with the larger bound is opened first.
-        if pushed == 2 and stack[size - 1, 0] < stack[size - 2, 0]:
-            for k in range(_WIDTH):
-                stack[size - 1, k], stack[size - 2, k] = stack[size - 2, k], stack[size - 1, k]
-            stack[size - 1, 10] = top
-        # 13. Open the last box that can contain a larger ball, or stop.
-        while size > 0 and stack[size - 1, 0] <= best * (1.0 + accuracy) + tiny:
-            size -= 1
-        if size == 0:
-            break
-        size -= 1
-        x0, y0, z0 = stack[size, 1], stack[size, 2], stack[size, 3]
-        sides[0], sides[1], sides[2], sure = (
-            stack[size, 4],
-            stack[size, 5],
-            stack[size, 6],
-            stack[size, 7] > 0.0,
-        )
-        start, stop, top = np.int64(stack[size, 8]), np.int64(stack[size, 9]), np.int64(stack[size, 10])
+        if pushed == 2 and boxes.bounds[size - 1] < boxes.bounds[size - 2]:
+            _swap_last(boxes, size)
         parts = 2
     if best > polished:
-        best = _polish_ball(
-            (corners, table, m, blocks), at, best, cube, centre, contacts, share, inverse, row
-        )
+        best = _polish_ball((corners, table, m, blocks), at, best, contacts, share, scratch)
     return best, table
 
 
@@ -293,8 +358,11 @@ def balls(points, first, offsets, faces, face_cells, starts, triangles, centroid
     n, most = len(offsets) - 1, most_triangles(offsets, faces, starts)
     triples, moments, axes = np.empty((most, 3), np.int64), np.empty((3, 3)), np.empty((3, 3))
     corners, table = np.empty((most, 9)), np.empty((2 * most // LANES + 2) * BLOCK)
-    stack, centre = np.empty((_ROWS, _WIDTH)), np.empty(3)
-    radius = np.zeros(n)
+    rows, lists = (np.empty(_ROWS), np.empty((_ROWS, 3))), np.empty((_ROWS, 3), np.int64)
+    boxes = Boxes(rows[0], rows[1], np.empty((_ROWS, 3)), np.empty(_ROWS, np.bool_), lists)
+    vectors = np.empty(3), np.empty(3), np.zeros(4, np.int64), np.zeros(4)
+    scratch = Scratch(*vectors, np.zeros((4, 4)), np.zeros(4), np.zeros(8))
+    centre, radius = np.empty(3), np.zeros(n)
     for c in range(n):
         # 1. Table of the triangles in principal axes.
         m = surface(first + c, offsets[c], offsets[c + 1], faces, face_cells, starts, triangles, triples)
@@ -305,5 +373,5 @@ def balls(points, first, offsets, faces, face_cells, starts, triangles, centroid
         radius[c] = max(_radius_at((corners, table, m, blocks), 0.0, 0.0, 0.0), 0.0)
         if anywhere:
             known, width = radius[c], diameters[first + c]
-            radius[c], table = _largest_ball(corners, table, m, blocks, width, known, stack)
+            radius[c], table = _largest_ball(corners, table, m, blocks, width, known, boxes, scratch)
     return radius
