@@ -128,7 +128,7 @@ def adapt(
     max_unknowns: int | None = None,
     degree: int | None = None,
     estimator: str | tuple[str, Mapping[str, Any]] | Any = "residual",
-    marking: float = 0.5,
+    marking: float = 0.8,
     goal: Field | None = None,
     solver: str | tuple[str, Mapping[str, Any]] | Any = "polydg_mg",
     registry: Registry | None = None,
@@ -139,8 +139,8 @@ def adapt(
     """Solve a problem on a coarse mesh of agglomerates that is refined where the error is large.
 
     Each step solves on a cut of the hierarchy, starting from the solution of the last step, and estimates the
-    error by part. Parts with large indicators are divided, siblings with small ones joined. Coarser levels
-    precondition the solver.
+    error by part. Parts with large indicators are divided by up to three levels, siblings with small ones
+    joined. Coarser levels precondition the solver.
 
     Parameters
     ----------
@@ -157,7 +157,8 @@ def adapt(
         Polynomial degree. Default: that of the solver.
     estimator : str, (str, options) or object with ``indicate(solution)``
     marking : float
-        Parts with this share of the squared estimate are divided in each step.
+        Share by which the squared estimate is predicted to fall in each step. Small values make more steps
+        and slightly fewer unknowns.
     goal : Field, optional
         Weight ψ of a quantity ∫ ψ u. The error of this number is then estimated instead of the energy norm,
         by another solve per step, of the dual problem with source ψ, and ``tolerance`` is relative to the

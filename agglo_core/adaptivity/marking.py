@@ -9,44 +9,72 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.hierarchy.cuts import Cut
 
+_DEEPEST: Final = 3
+"""Largest number of levels that a part is divided by at once."""
+_MARGIN: Final = 0.8
+"""Share of the squared goal that the last step aims at, since predictions are sometimes too small."""
 _JOINED: Final = 0.01
 """Siblings are joined if their squared indicators sum to less than this share of the smallest one that is
 marked. A larger value may join parts that later steps divide again."""
 
 
-def largest_share(squares: Float, share: float) -> Int:
-    """Return the fewest parts that hold a share of the sum of ``squares (n_parts,)``, the largest first.
+def divisions(squares: Float, ratio: float, target: float) -> tuple[Int, Float]:
+    """Return the divisions to make, each as the number of its part, and the indicators divided.
 
-    W. Dörfler, SIAM J. Numer. Anal. 33, 1996.
+    A division into ``ratio`` parts is predicted to divide the sum of the squared indicators by ``ratio``,
+    as for linear functions in 2-D. Always the largest indicator, given or predicted, is divided, until the
+    predicted sum is ``target`` (W. Dörfler, SIAM J. Numer. Anal. 33, 1996, for one level).
     """
-    order = np.argsort(-squares, kind="stable")
-    sums = np.cumsum(squares[order])
-    return frozen_int(order[: int(np.searchsorted(sums, share * sums[-1])) + 1])
+    depth = np.arange(_DEEPEST)[:, None]
+    largest = (squares / ratio ** (2.0 * depth)).ravel()
+    order = np.argsort(-largest, kind="stable")[: int((largest > 0.0).sum())]
+    gains = ((1.0 - 1.0 / ratio) * squares / ratio**depth).ravel()[order]
+    count = int(np.searchsorted(np.cumsum(gains), squares.sum() - target)) + 1
+    return frozen_int(order[:count] % len(squares)), frozen_float(largest[order[:count]])
 
 
 def next_cut(cut: Cut, squares: Float, share: float, goal: float = 0.0, most: float = np.inf) -> Cut | None:
-    """Return the cut whose marked parts are divided, or None if it cannot be refined further.
+    """Return a finer cut where the indicators are large, or None if there is none.
 
-    The marked parts hold a share of the squared indicators of all parts of several cells. Fewer are divided
-    if the new cut would have more than ``most`` parts. Siblings with small indicators are joined. None also
-    if single cells hold that share of the whole sum, and more than ``goal``.
+    The predicted sum of ``squares`` falls by ``share``, or to ``goal`` if that is larger. Fewer parts are
+    divided if the new cut would have more than ``most`` parts. Siblings with small indicators are joined. None if no part can
+    be divided, or if single cells hold more than half of the sum, and more than ``goal``.
     """
     forest = cut.forest
     single = forest.n_children[cut.nodes] == 0
-    irreducible = float(squares[single].sum())
+    total, irreducible = float(squares.sum()), float(squares[single].sum())
     divisible = np.where(single, 0.0, squares)
-    if not divisible.any() or irreducible > max(goal, share * squares.sum()):
+    if not divisible.any() or irreducible > max(goal, 0.5 * total):
         return None
-    marked = largest_share(frozen_float(divisible), share)
+    inner = forest.n_children[forest.n_children > 0]
+    target = max((1.0 - share) * total, _MARGIN * goal) - irreducible
+    parts, largest = divisions(frozen_float(divisible), float(inner.mean()), target)
     # Join siblings that hardly count
     parents, n_nodes = forest.parent[cut.nodes], len(forest.parent)
     sums = np.bincount(parents[parents >= 0], squares[parents >= 0], n_nodes)
-    small = (parents >= 0) & (sums[parents] < _JOINED * squares[marked[-1]])
+    small = (parents >= 0) & (sums[parents] < _JOINED * largest[-1])
     base = cut.coarsen(small).cut if small.any() else cut
     # Divide as many as fit, the largest first
-    while len(marked):
-        refined = base.refine(np.isin(base.nodes, cut.nodes[marked])).cut
+    while len(parts):
+        depth = np.zeros(n_nodes, np.int64)
+        depth[cut.nodes] = np.bincount(parts, minlength=cut.n_parts)
+        refined = _divided(base, depth)
+        if refined.n_parts <= cut.n_parts:  # at least one part more, so that all steps end
+            refined = _divided(cut, depth)
         if refined.n_parts <= most:
             return refined
-        marked = marked[: len(marked) // 2]
+        parts = parts[: len(parts) * 3 // 4]
     return None
+
+
+def _divided(cut: Cut, depth: Int) -> Cut:
+    """Divide the parts of a cut ``depth (n_nodes,)`` times."""
+    left = np.array(depth)
+    for _ in range(_DEEPEST):
+        divided = cut.nodes[left[cut.nodes] > 0]
+        if not len(divided):
+            break
+        children = np.isin(cut.forest.parent, divided)
+        left[children] = left[cut.forest.parent[children]] - 1
+        cut = cut.refine(left[cut.nodes] > 0).cut
+    return cut

@@ -11,7 +11,7 @@ from random_diffusion import with_four_sides
 
 import agglo_core as agglo
 from agglo_core import Diffusion, Hierarchy, Mesh, OptionError, PluginError, samples
-from agglo_core.adaptivity.marking import largest_share, next_cut
+from agglo_core.adaptivity.marking import divisions, next_cut
 from agglo_core.adaptivity.posing import PosedOnCuts
 
 Array = NDArray[np.float64]
@@ -163,11 +163,21 @@ def test_boundary_data_and_tensors_by_cell_are_kept() -> None:
     np.testing.assert_allclose(x_posed, x_fine, rtol=1e-9, atol=1e-12)
 
 
-def test_marks_the_fewest_parts_that_hold_the_share() -> None:
-    squares = np.array([1.0, 5.0, 0.0, 3.0, 1.0])
-    assert largest_share(squares, 0.5).tolist() == [1]
-    assert largest_share(squares, 0.75).tolist() == [1, 3]
-    assert sorted(largest_share(squares, 0.99).tolist()) == [0, 1, 3, 4]
+def test_divides_the_largest_given_or_predicted_indicator() -> None:
+    def slow(squares: list[float], ratio: float, target: float) -> list[int]:
+        left, depth, found = list(squares), [0] * len(squares), list[int]()
+        while sum(square / ratio**k for square, k in zip(squares, depth, strict=True)) > target:
+            k = int(np.argmax(left))
+            left[k], depth[k] = (left[k] / ratio**2 if depth[k] < 2 else 0.0), depth[k] + 1
+            found.append(k)
+        return found
+
+    squares = [1.0, 50.0, 0.0, 3.0, 1.0]
+    assert slow(squares, 4.0, 12.0) == [1, 1]
+    for target in (30.0, 12.0, 9.0, 5.2, 2.0):
+        parts, largest = divisions(np.array(squares), 4.0, target)
+        assert parts.tolist() == slow(squares, 4.0, target)
+        assert (np.diff(largest) <= 0).all()
 
 
 def test_divides_marked_parts_and_joins_siblings_that_hardly_count() -> None:
