@@ -37,8 +37,8 @@ def next_cut(cut: Cut, squares: Float, share: float, goal: float = 0.0, most: fl
     """Return a finer cut where the indicators are large, or None if there is none.
 
     The predicted sum of ``squares`` falls by ``share``, or to ``goal`` if that is larger. Fewer parts are
-    divided if the new cut would have more than ``most`` parts. Siblings with small indicators are joined. None if no part can
-    be divided, or if single cells hold more than half of the sum, and more than ``goal``.
+    divided if the new cut would have more than ``most`` parts. Siblings with small indicators are joined.
+    None if no part can be divided, or if single cells hold over half of the sum, and more than ``goal``.
     """
     forest = cut.forest
     single = forest.n_children[cut.nodes] == 0

@@ -73,10 +73,9 @@ def _delaunay(mesh: Mesh, cells: Int) -> tuple[Int, Float]:
     """Return constrained Delaunay triangles of some cells, with holes and pinches, counter-clockwise."""
     import shapely
 
-    triangles, owners = shapely.get_parts(
-        shapely.constrained_delaunay_triangles(mesh.to_shapely()[cells]), return_index=True
-    )
-    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3] - mesh.origin
+    triangles = shapely.constrained_delaunay_triangles(mesh.to_shapely()[cells])
+    points, owners = shapely.get_coordinates(triangles, return_index=True)
+    corners, owners = points.reshape(-1, 4, 2)[:, :3] - mesh.origin, owners[::4]  # closed rings
     clockwise = _areas(corners) < 0
     corners[clockwise] = corners[clockwise][:, ::-1]
     return cells[owners], corners

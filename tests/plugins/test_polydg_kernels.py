@@ -139,6 +139,20 @@ def test_legendre_polynomials_are_those_of_numpy() -> None:
         np.testing.assert_allclose(derivatives[k], unit.deriv()(x), rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("degree", [1, 3, 6])
+def test_coefficients_of_gradients_are_those_of_the_gradients(mesh: Mesh, degree: int) -> None:
+    random = np.random.default_rng(1)
+    for on in (mesh, samples.random_tetrahedra(8, seed=1)):
+        for scaled in (False, True):
+            basis = Basis(on, degree, scaled)
+            cells = random.integers(0, on.n_cells, 40)
+            points = on.cell_centroids[cells] + 0.1 * random.normal(size=(40, on.dim))
+            u = random.normal(size=(on.n_cells, basis.n_local))
+            expected = np.einsum("qdk,qk->qd", basis.gradients(cells, points - on.origin), u[cells])
+            found = basis.gradient(u, cells, points)
+            np.testing.assert_allclose(found, expected, atol=1e-10 * np.abs(expected).max())
+
+
 def test_moments_by_the_boundary_are_those_by_points_inside(mesh: Mesh) -> None:
     boxes, degree = Basis(mesh, 1).boxes, 7
     reference = np.zeros((mesh.n_cells, len(orders(degree))))

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglo_core.authoring import Diffusion, Float, Int, Mesh, frozen_float
+from agglo_core.authoring import Diffusion, Field, Float, Int, Mesh, frozen_float, frozen_int
 from agglo_core.fields.coefficients import is_zero, nonnegative
 from agglo_core.fields.rules import Batch, inside
 from agglo_core.fields.tensors import Tensor
@@ -54,56 +54,78 @@ def _scales(state: State) -> tuple[Float, Float]:
     """
     mesh, degree = state.basis.mesh, state.basis.degree
     kappa, reaction = _tensor_values(state), _values(state.problem.reaction, mesh, "reaction")
-    smallest, least_reaction = np.empty(mesh.n_cells), np.zeros(mesh.n_cells)
-    for batch in inside(mesh, 2 * degree):
-        cells, points, first = batch.cells, batch.points + mesh.origin, batch.offsets[:-1]
-        part = slice(batch.first, batch.first + len(first))
-        values = kappa(points, cells)
-        least = values if values.ndim == 1 else np.linalg.eigvalsh(values)[:, 0]
-        smallest[part] = np.minimum.reduceat(least, first)
-        if reaction is not None:
-            least_reaction[part] = np.minimum.reduceat(reaction(points, cells), first)
+    smallest = _smallest(mesh, 2 * degree, kappa, varies=_varies(state.kappa))
+    least_reaction = np.zeros(mesh.n_cells)
+    if reaction is not None:
+        least_reaction = _smallest(mesh, 2 * degree, reaction, varies=callable(state.problem.reaction))
     reach = mesh.cell_diameters / (np.pi * degree)
     held = least_reaction > 0
     reach[held] = np.minimum(reach[held], np.sqrt(smallest[held] / least_reaction[held]))
     return smallest, reach
 
 
+def _smallest(mesh: Mesh, degree: int, values: Values, varies: bool) -> Float:
+    """Return the smallest value or eigenvalue per cell ``(n_cells,)``, at quadrature points if it varies."""
+
+    def least(points: Float, cells: Int) -> Float:
+        found = values(points, cells)
+        return np.asarray(found if found.ndim == 1 else np.linalg.eigvalsh(found)[:, 0], float)
+
+    if not varies:
+        return np.array(least(mesh.cell_centroids, frozen_int(np.arange(mesh.n_cells))))
+    batches = inside(mesh, degree)
+    return np.concatenate(
+        [np.minimum.reduceat(least(b.points + mesh.origin, b.cells), b.offsets[:-1]) for b in batches]
+    )
+
+
+def _fluxes(state: State, smallest: Float) -> tuple[Float, Float]:
+    """Project κ∇u: coefficients ``(n_cells, d, n_local)``, and ‖κ∇u − Πκ∇u‖² / κ ``(n_cells,)``."""
+    basis, mesh, kappa = state.basis, state.basis.mesh, _tensor_values(state)
+    if not _varies(state.kappa):
+        values = kappa(mesh.cell_centroids, frozen_int(np.arange(mesh.n_cells)))
+        product = "c,cdk->cdk" if values.ndim == 1 else "cde,cek->cdk"
+        return np.einsum(product, values, state.slopes), np.zeros(mesh.n_cells)
+    projected, beyond = np.empty_like(state.slopes), np.empty(mesh.n_cells)
+    for batch in inside(mesh, 2 * basis.degree + _MORE):
+        cells, part = batch.cells, slice(batch.first, batch.first + len(batch.offsets) - 1)
+        tests, values = basis.values(cells, batch.points), kappa(batch.points + mesh.origin, cells)
+        slopes = np.einsum("qk,qdk->qd", tests, state.slopes[cells])
+        flux = values[:, None] * slopes if values.ndim == 1 else np.einsum("qij,qj->qi", values, slopes)
+        projected[part] = _projection(basis, batch, part, tests, flux)
+        missing = flux - np.einsum("qk,qdk->qd", tests, projected[cells])
+        beyond[part] = _sum(batch, (missing**2).sum(axis=1)) / smallest[part]
+    return projected, beyond
+
+
 def _in_cells(state: State, smallest: Float, reach: Float) -> tuple[Float, Float]:
     """Return the weighted squares of the cell residuals and of their oscillation, both ``(n_cells,)``."""
     basis, mesh, problem = state.basis, state.basis.mesh, state.problem
-    kappa = _tensor_values(state)
     source = _values(problem.source, mesh, "source")
     reaction, speed = _values(problem.reaction, mesh, "reaction"), velocity(mesh, problem.convection)
+    projected, beyond = _fluxes(state, smallest)
+    divergence = np.einsum("cddk->ck", basis.gradient_coefficients(projected))
     squares, oscillation = np.zeros(mesh.n_cells), np.zeros(mesh.n_cells)
     for batch in inside(mesh, 2 * basis.degree + _MORE):
         cells, points = batch.cells, batch.points + mesh.origin
         part = slice(batch.first, batch.first + len(batch.offsets) - 1)
-        tests, gradients = basis.values(cells, batch.points), basis.gradients(cells, batch.points)
-        u = state.coefficients[cells]
-        slopes = np.einsum("qdk,qk->qd", gradients, u)
-        # 1. Divergence of the flux, by its projection onto polynomials
-        values = kappa(points, cells)
-        flux = values[:, None] * slopes if values.ndim == 1 else np.einsum("qij,qj->qi", values, slopes)
-        projected = _projection(basis, batch, part, tests, flux)
-        residual = np.einsum("qdk,qkd->q", gradients, projected[cells - batch.first])
-        missing = flux - np.einsum("qk,qkd->qd", tests, projected[cells - batch.first])
-        # 2. Residual
+        tests = basis.values(cells, batch.points)
+        # 1. Residual
+        residual = np.einsum("qk,qk->q", tests, divergence[cells])
         if source is not None:
             residual += source(points, cells)
         if speed is not None:
             b = speed(points) if callable(speed) else speed[cells]
-            residual -= (b * slopes).sum(axis=1)
+            residual -= np.einsum("qd,qk,qdk->q", b, tests, state.slopes[cells], optimize=True)
         if reaction is not None:
-            values = np.einsum("qk,qk->q", tests, u) + state.offset[cells]
+            values = np.einsum("qk,qk->q", tests, state.coefficients[cells]) + state.offset[cells]
             residual -= reaction(points, cells) * values
-        # 3. Squares of the residual, and of its distance to polynomials
-        coefficients = _projection(basis, batch, part, tests, residual[:, None])[cells - batch.first, :, 0]
+        # 2. Squares of the residual, and of its distance to polynomials
+        coefficients = _projection(basis, batch, part, tests, residual[:, None])[cells - batch.first, 0]
         rest = residual - np.einsum("qk,qk->q", tests, coefficients)
         weight = reach[part] ** 2 / smallest[part]
-        beyond = _sum(batch, (missing**2).sum(axis=1)) / smallest[part]
-        squares[part] = weight * _sum(batch, residual**2) + beyond
-        oscillation[part] = weight * _sum(batch, rest**2) + beyond
+        squares[part] = weight * _sum(batch, residual**2) + beyond[part]
+        oscillation[part] = weight * _sum(batch, rest**2) + beyond[part]
     return np.maximum(squares, 0.0), np.clip(oscillation, 0.0, np.maximum(squares, 0.0))
 
 
@@ -156,15 +178,21 @@ def _upwind(traces: Traces, speed: Float, reach: Float) -> Float:
 
 
 def _projection(basis: Basis, batch: Batch, part: slice, tests: Float, values: Float) -> Float:
-    """Return the coefficients ``(n, n_local, m)`` of the L2 projections of ``values (q, m)``."""
-    products = batch.weights[:, None, None] * tests[:, :, None] * values[:, None, :]
+    """Return the coefficients ``(n, m, n_local)`` of the L2 projections of ``values (q, m)``."""
+    products = (batch.weights[:, None] * values)[:, :, None] * tests[:, None, :]
     sums = np.add.reduceat(products, batch.offsets[:-1], axis=0)
-    return frozen_float(np.linalg.solve(basis.mass_blocks[part], sums))
+    found = np.linalg.solve(basis.mass_blocks[part], np.swapaxes(sums, 1, 2))
+    return frozen_float(np.swapaxes(found, 1, 2))
 
 
 def _sum(batch: Batch, values: Float) -> Float:
     """Integrate ``values (q,)`` over each cell of a batch."""
     return np.asarray(np.add.reduceat(batch.weights * values, batch.offsets[:-1]))
+
+
+def _varies(kappa: Field | Tensor) -> bool:
+    """Return True if a coefficient may vary within cells."""
+    return not kappa.by_cell if isinstance(kappa, Tensor) else callable(kappa)
 
 
 def _tensor_values(state: State) -> Values:

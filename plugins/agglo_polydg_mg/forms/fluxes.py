@@ -77,10 +77,14 @@ def on_edges(merged: Mesh, mesh: Mesh, through: Callable[[Mesh, Float], Float], 
 
 
 class State(NamedTuple):
-    """Function with ``coefficients (n_cells, n_local)``, added to a constant ``offset (n_cells,)``."""
+    """Function with ``coefficients (n_cells, n_local)``, added to a constant ``offset (n_cells,)``.
+
+    ``slopes (n_cells, d, n_local)`` are the coefficients of its gradient.
+    """
 
     basis: Basis
     coefficients: Float
+    slopes: Float
     offset: Float
     kappa: Field | Tensor
     problem: Diffusion
@@ -90,7 +94,8 @@ class State(NamedTuple):
         """Return the function with coefficients ``x (n,)``, apart from the offset of the data."""
         offset = offset_of(basis, problem)
         coefficients = basis.coefficients(x - basis.constants(offset))
-        return cls(basis, coefficients, offset, positive(basis.mesh, problem.kappa), problem)
+        slopes, kappa = basis.gradient_coefficients(coefficients), positive(basis.mesh, problem.kappa)
+        return cls(basis, coefficients, slopes, offset, kappa, problem)
 
 
 class Traces(NamedTuple):
@@ -192,8 +197,8 @@ def _traces(state: State, cells: Int, points: Float, directions: Float) -> tuple
     """
     count, n, dim = points.shape
     rows, flat = np.repeat(cells, n), points.reshape(-1, dim)
-    own = state.coefficients[rows]
-    values = np.einsum("qk,qk->q", state.basis.values(rows, flat), own)
-    slopes = np.einsum("qdk,qk->qd", state.basis.gradients(rows, flat), own)
+    tests = state.basis.values(rows, flat)
+    values = np.einsum("qk,qk->q", tests, state.coefficients[rows])
+    slopes = np.einsum("qk,qdk->qd", tests, state.slopes[rows])
     along = (slopes.reshape(count, n, dim) * directions).sum(axis=2)
     return values.reshape(count, n), along

@@ -20,7 +20,7 @@ from agglo_core.fields.tensors import Tensor
 from agglo_core.fields.values import per_cell
 from agglo_core.threads import over_ranges
 from agglo_polydg_mg.forms.sides import Sides, sides_of
-from agglo_polydg_mg.space.polynomials import legendre, n_polynomials, orders, products, slopes
+from agglo_polydg_mg.space.polynomials import derivatives, legendre, n_polynomials, orders, products, slopes
 from agglo_polydg_mg.space.quadrature import moments, weighted_moments
 from agglo_polydg_mg.space.walk import Walk, walk_through
 
@@ -156,8 +156,11 @@ class Basis:
 
         Points are relative to the mesh origin.
         """
-        lines = [legendre(x, self.degree) for x in self._inside(cells, points)]
-        return np.asarray((self._products(lines) * self.scale[cells]).T)
+        return np.asarray((self.on_reference(self._inside(cells, points)) * self.scale[cells]).T)
+
+    def on_reference(self, points: Float) -> Float:
+        """Evaluate the orthonormal polynomials ``(n_local, q)`` at points ``(d, q)`` of the box [−1, 1]ᵈ."""
+        return self._products([legendre(x, self.degree) for x in points])
 
     def gradients(self, cells: Int, points: Float) -> Float:
         """Evaluate the gradients ``(q, d, n_local)`` of the basis functions of ``cells (q,)`` at points."""
@@ -187,6 +190,14 @@ class Basis:
         (x, y), (c, s) = (points - box[:, :2]).T, box[:, 4:].T
         return np.stack((c * x + s * y, c * y - s * x)) / box[:, 2:4].T
 
+    def from_boxes(self, cells: Int, points: Float) -> Float:
+        """Map points ``(q, d)`` of [−1, 1]ᵈ into the boxes of cells, ``(len(cells), q, d)``."""
+        local = self.halves[cells, None] * points
+        if self.mesh.dim == 2:
+            (c, s), (x, y) = self.boxes[cells, 4:].T[:, :, None], np.moveaxis(local, 2, 0)
+            local = np.stack((c * x - s * y, s * x + c * y), axis=2)
+        return np.asarray(self.centres[cells, None] + local)
+
     def evaluate(self, x: Float, cells: Int, points: Float) -> Float:
         """Evaluate a function at points whose cells are known.
 
@@ -207,8 +218,19 @@ class Basis:
 
     def gradient(self, x: Float, cells: Int, points: Float) -> Float:
         """Evaluate gradients ``(q, ..., d)`` at points, with arguments as of :meth:`evaluate`."""
-        slopes = self.gradients(cells, np.asarray(points, float) - self.mesh.origin)
-        return np.asarray(np.einsum("qdk,q...k->q...d", slopes, self.coefficients(x)[cells]))
+        values = self.values(cells, np.asarray(points, float) - self.mesh.origin)
+        return np.asarray(np.einsum("qk,q...k->q...", values, self.gradient_coefficients(x)[cells]))
+
+    def gradient_coefficients(self, x: Float) -> Float:
+        """Return the coefficients ``(n_cells, ..., d, n_local)`` of the gradient, arguments as above."""
+        u, dim = self.coefficients(x), self.mesh.dim
+        along: Float = np.einsum("aij,c...j->c...ai", derivatives(self.degree, dim), u)
+        along /= self.halves.reshape(-1, *(1,) * (u.ndim - 2), dim, 1)
+        if dim == 3:
+            return along
+        c, s = self.boxes[:, 4:].T.reshape(2, -1, *(1,) * (u.ndim - 1))
+        along_u, along_v = along[..., 0, :], along[..., 1, :]
+        return np.stack((c * along_u - s * along_v, s * along_u + c * along_v), axis=-2)
 
     def coefficients(self, x: Float) -> Float:
         """Return the vector ``x (n,)`` as ``(n_cells, n_local)``, or raise OptionError for a wrong length.

@@ -30,6 +30,23 @@ def _of_total(total: int, dim: int) -> list[tuple[int, ...]]:
     return [(i, *rest) for i in range(total, -1, -1) for rest in _of_total(total - i, dim - 1)]
 
 
+@cache
+def derivatives(degree: int, dim: int) -> Float:
+    """Return the matrices ``(dim, m, m)`` that map coefficients of cell polynomials to those of derivatives.
+
+    P'_i is the sum of (2j + 1) P_j over j = i − 1, i − 3, …
+    """
+    powers = orders(degree, dim)
+    step = powers[None, :] - powers[:, None]  # of each polynomial over each term of its derivatives
+    matrices = np.zeros((dim, len(powers), len(powers)))
+    for axis in range(dim):
+        along = step[:, :, axis]
+        terms = (along > 0) & (along % 2 == 1) & (np.abs(step).sum(axis=2) == along)
+        lengths = np.sqrt(2.0 * powers[:, axis] + 1.0)
+        matrices[axis] = np.where(terms, lengths[:, None] * lengths, 0.0)
+    return frozen_float(matrices)
+
+
 def legendre(x: Float, degree: int) -> Float:
     """Evaluate orthonormal Legendre polynomials 0..degree at ``x (q,)``, shape ``(degree + 1, q)``."""
     values = np.empty((degree + 1, *np.shape(x)))
