@@ -22,7 +22,7 @@ def agglo_components() -> list[Component]:
             name="gnn_paper",
             target="agglo_gnn.paper.bisector:PaperGNN",
             requires=("torch", "safetensors"),
-            promises={"deterministic": True, "invariant": True, "pickles": True},
+            promises={"deterministic": True, "invariant": True, "kway": True, "pickles": True},
             summary="The paper's graph neural network, or your own, in torch.",
             fallback="inertial",
         ),

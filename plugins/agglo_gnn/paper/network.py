@@ -22,6 +22,12 @@ FEATURES = ("measure", "x", "y")
 _HIDDEN, _LAYERS = 64, 4  # width of the layers, and number of SAGE layers, as in the paper
 
 
+def require_plane(graph: Graph) -> None:
+    """Raise OptionError if the graph is not two-dimensional."""
+    if graph.dim != 2:
+        raise OptionError(f"gnn_paper splits 2-D meshes only, given a {graph.dim}-D one")
+
+
 def inorm(level: Graph) -> Float:
     """Return the normalised inputs of the paper's network: measure and centroid per cell ``(n, 3)``.
 
@@ -37,8 +43,7 @@ def inorm(level: Graph) -> Float:
     OptionError
         If the graph is not two-dimensional.
     """
-    if level.dim != 2:
-        raise OptionError(f"gnn_paper splits 2-D meshes only, given a {level.dim}-D one")
+    require_plane(level)
     first, block = level.offsets[:-1], level.block_ids
     local = principal_frames(level)[1]
     size = np.maximum.reduceat(np.abs(local).max(axis=1), first)

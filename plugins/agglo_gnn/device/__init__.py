@@ -1,0 +1,1 @@
+"""K-way partitions by the paper's network, in torch operations on the CPU or a GPU."""
