@@ -104,16 +104,21 @@ def group_sums(values: Tensor, groups: Tensor, count: int) -> Tensor:
 
     The values are rounded to integer units, whose size follows from the largest value of a column.
     """
-    sums = torch.zeros(count, *values.shape[1:], dtype=torch.int64, device=values.device)
     if len(values) == 0:
-        return sums.to(values.dtype)
+        return values.new_zeros(count, *values.shape[1:])
     scale = values.abs().amax(0).clamp(min=TINY)
-    sums.index_add_(0, groups, to_integers(values / scale))
+    integers = to_integers(values / scale)
+    if count == 1:  # much faster on a GPU than additions to one address
+        sums = integers.sum(0, keepdim=True)
+    else:
+        sums = integers.new_zeros(count, *values.shape[1:]).index_add_(0, groups, integers)
     return sums * (scale / _units(len(values)))
 
 
 def group_max(values: Tensor, groups: Tensor, count: int) -> Tensor:
     """Return the maximum of the non-negative ``values (n,)`` in each group ``(count,)``."""
+    if count == 1:
+        return values.amax(0, keepdim=True)
     return values.new_zeros(count).scatter_reduce_(0, groups, values, "amax")
 
 

@@ -85,9 +85,9 @@ def features(graph: DeviceGraph, cells: Tensor, blocks: Tensor, count: int) -> T
     x, y = torch.where((yy > xx)[blocks], torch.stack((y, x)), torch.stack((x, y)))
     # 3. Measures and coordinates in units of the largest.
     measures = graph.measures[cells]
-    extent = torch.maximum(x.abs(), y.abs())
-    scales = (group_max(each, blocks, count)[blocks] for each in (measures, extent, extent))
-    return torch.stack([a / s.clamp(min=TINY) for a, s in zip((measures, x, y), scales, strict=True)], 1)
+    largest = group_max(measures, blocks, count).clamp(min=TINY)[blocks]
+    extent = group_max(torch.maximum(x.abs(), y.abs()), blocks, count).clamp(min=TINY)[blocks]
+    return torch.stack((measures / largest, x / extent, y / extent), 1)
 
 
 def cut(scores: Tensor, mass: Tensor, blocks: Tensor, quotas: Tensor) -> tuple[Tensor, Tensor]:
