@@ -106,7 +106,8 @@ def check_parts(member: Member, given: Any, n: int, parts: int) -> Int:
         raise PluginError(
             f"{member.title} returned labels {labels.min()}..{labels.max()}, but there are {parts} parts"
         )
-    return frozen_int(np.unique(labels, return_inverse=True)[1])
+    used = np.bincount(labels, minlength=parts) > 0
+    return labels if used.all() else frozen_int((np.cumsum(used) - 1)[labels])
 
 
 def check_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given: Any, *, tested: bool) -> Int:

@@ -82,6 +82,8 @@ def _partition_components(pieces: Graph, quotas: Int, goal: Goal, run: Run, seed
 def _finish(graph: Graph, labels: Int, quotas: Int, counts: Int, goal: Goal, run: Run, stage: int) -> Int:
     """Bisect parts that are too large, or further parts until the exact count is reached."""
     if not isinstance(goal, SizeGoal):
+        if (counts == quotas).all():
+            return labels
         goal = replace(goal, quotas=_apportion_quotas(graph, labels, quotas, counts))
     tree, leaves = grow(graph, labels, goal, run, stage)
     note_oversized(tree, leaves, goal, run)
