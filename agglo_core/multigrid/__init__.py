@@ -2,6 +2,7 @@
 
 from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver, direct_solver, symmetric_lu
 from agglo_core.multigrid.coarsening.aggregation import aggregation_stack, blockwise, pointwise
+from agglo_core.multigrid.coarsening.along_flow import downstream_order, flow_stack, paired_levels
 from agglo_core.multigrid.coarsening.classical import CoarseFirst, classical_stack
 from agglo_core.multigrid.coarsening.near_null import smoothed_near_null
 from agglo_core.multigrid.coarsening.smoothed import smoothed_prolongation
@@ -67,6 +68,8 @@ __all__ = [
     "coarse_solver",
     "cycle",
     "direct_solver",
+    "downstream_order",
+    "flow_stack",
     "galerkin",
     "gcr",
     "injection",
@@ -74,6 +77,7 @@ __all__ = [
     "joined_patches",
     "largest_eigenvalue",
     "lifted",
+    "paired_levels",
     "parents",
     "part",
     "pcg",

@@ -72,7 +72,7 @@ class Linear:
     near_null : (n, m) float, optional
         Near-null vectors of A, such as constants and rigid motions.
     symmetric : bool
-        False if A need not be symmetric. The solver ``direct`` accepts such matrices.
+        False if A need not be symmetric. The solvers ``polydg_mg`` and ``direct`` accept such matrices.
 
     Raises
     ------

@@ -246,7 +246,7 @@ def require_symmetric(A: Any) -> None:
         one, other = _distinct_texts(float(rows[i, j]), float(rows[j, i]))
         raise OptionError(
             f"A must be symmetric: the entry ({i}, {j}) is {one}, ({j}, {i}) is {other}; "
-            "solver='direct' accepts it from Linear(A, b, symmetric=False)"
+            "give Linear(A, b, symmetric=False) to solver='polydg_mg' or 'direct'"
         )
 
 

@@ -27,7 +27,7 @@ _SUSPECT = 1e-11
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """Linear system A x = b with a symmetric matrix, and data on its unknowns for multigrid.
+    """Linear system A x = b, and data on its unknowns for multigrid.
 
     Attributes
     ----------
@@ -43,12 +43,14 @@ class System:
     mesh : Mesh, optional
     near_null : (n, m) float, optional
         Near-null vectors of A, such as constants and rigid motions.
+    symmetric : bool
+        False if A need not be symmetric.
 
     Raises
     ------
     OptionError
-        For a matrix without entries (a LinearOperator), not square or not symmetric up to rounding,
-        indices out of range, complex, non-numeric or infinite values, or shapes that do not fit.
+        For a matrix without entries (a LinearOperator), not square, or if ``symmetric`` not symmetric up to
+        rounding, indices out of range, complex, non-numeric or infinite values, or shapes that do not fit.
 
     Examples
     --------
@@ -62,6 +64,7 @@ class System:
     block_offsets: Int = None  # type: ignore[assignment]  # never None after construction
     mesh: Mesh | None = None
     near_null: Float | None = None
+    symmetric: bool = True
 
     def __post_init__(self) -> None:
         A = real_matrix(self.A)
@@ -69,7 +72,8 @@ class System:
             raise OptionError(f"A must be a square matrix, given shape {A.shape}")
         b = _columns("b", self.b, A.shape[0], (1, 2))
         require_finite(b, A)
-        _require_symmetric(A)
+        if self.symmetric:
+            _require_symmetric(A)
         near = None if self.near_null is None else _columns("near_null", self.near_null, A.shape[0], (2,))
         if near is not None and not np.isfinite(near).all():
             raise OptionError("near_null holds values that are not finite")

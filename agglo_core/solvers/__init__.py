@@ -14,6 +14,7 @@ from agglo_core.solvers.fine_system import (
     own_mesh,
     require_symmetric_problem,
 )
+from agglo_core.solvers.general_task import GeneralTask
 from agglo_core.solvers.linear_task import DiscretisedTask, LinearTask
 from agglo_core.solvers.option_checks import (
     chosen,
@@ -33,6 +34,7 @@ __all__ = [
     "CELLS_PER_PART",
     "DiscretisedTask",
     "FineSystem",
+    "GeneralTask",
     "Kind",
     "LinearTask",
     "PlainCG",

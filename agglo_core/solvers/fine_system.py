@@ -224,10 +224,11 @@ def may_be_nonsymmetric(problem: Problem | None) -> bool:
 
 
 def require_symmetric_problem(problem: Problem, solver: str) -> None:
-    """Raise OptionError if a problem has convection."""
-    if has_convection(problem):
+    """Raise OptionError for convection, and for linear systems with ``symmetric=False``."""
+    if may_be_nonsymmetric(problem):
+        cause = "has convection" if has_convection(problem) else "has symmetric=False"
         raise OptionError(
-            f"the problem has convection, so its matrix is not symmetric, but {solver} requires a symmetric "
+            f"the problem {cause}, so its matrix is not symmetric, but {solver} requires a symmetric "
             "matrix: use solver='direct' or solver='polydg_mg'"
         )
 

@@ -71,6 +71,7 @@ class LinearTask:
             np.append(offsets[block_cells], offsets[-1]),
             None,
             _columns(problem.near_null),
+            problem.symmetric,
         )
         self._kind: Kind = "linear" if not plane else "plane" if system.width == 1 else "plane blocks"
         # Scale the matrix by a power of two, so that squares neither over- nor underflow.

@@ -11,9 +11,9 @@ from scipy import sparse
 import agglo_core as agglo
 from agglo_core import Mesh, OptionError, agglomerate, samples
 from agglo_core.arrays import Float
-from agglo_core.multigrid import OrderedGaussSeidel, gcr
+from agglo_core.multigrid import OrderedGaussSeidel, gcr, paired_levels
 from agglo_core.problems import Diffusion, Patches
-from agglo_polydg_mg.auxiliary.downstream import downstream_order, flow_agglomerates
+from agglo_polydg_mg.auxiliary.downstream import downstream_order
 from agglo_polydg_mg.forms.convection import face_flows
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
@@ -179,14 +179,16 @@ def test_a_singular_patch_is_named() -> None:
 def test_agglomerates_follow_the_flow() -> None:
     mesh = samples.squares(16)
     along = np.abs(face_flows(mesh, np.array([1.0, 0.01])))
-    first, second = flow_agglomerates(mesh, along, 16)
+    inner = mesh.face_cells[:, 1] >= 0
+    ends, strength = mesh.face_cells[inner], along[inner]
+    first, second = paired_levels(ends, strength, 256, 16)
     for labels, width in ((first, 4), (second, 16)):
         assert np.bincount(labels).tolist() == [width] * (256 // width)
         for part in range(256 // width):
             assert np.ptp(mesh.cell_centroids[labels == part, 1]) == 0.0
-    assert len(flow_agglomerates(mesh, along, 256)) == 1
-    assert len(flow_agglomerates(mesh, along, 16, count=2)) == 1
-    assert flow_agglomerates(samples.squares(7), np.ones(112), 16) == []
+    assert len(paired_levels(ends, strength, 256, 256)) == 1
+    assert len(paired_levels(ends, strength, 256, 16, count=2)) == 1
+    assert paired_levels(ends[:3], strength[:3], 49, 16) == []
 
 
 def test_residuals_are_those_of_gmres() -> None:

@@ -22,6 +22,7 @@ _DRIFT = 0.1
 """Maximum relative distance of the recursive residual from b − A x. Above, the iteration restarts."""
 _LEAST_GAIN = 1e-8
 """Least relative reduction of ‖r‖ over a restart. Below, the iteration has stagnated."""
+_STAGNATED = "rounding or a poor preconditioner prevents a further decrease of b − A x: "
 
 
 def gcr(
@@ -138,6 +139,7 @@ def _history(
     residuals[-1] = two_norm(r)
     passed = TESTS[:1] if size <= tolerance else ()
     sizes = f"relative residual {size:.1e} after {steps} iterations, required {tolerance:.1e}"
-    reason = MET if met else SAID.get(ended, "") + sizes
+    cause = _STAGNATED if ended == "stagnation" else SAID.get(ended, "")
+    reason = MET if met else cause + sizes
     arrays = frozen_float(x), frozen_float(residuals)
     return limit_told(History(*arrays, met, reason, None, passed, ended, size), A, b)

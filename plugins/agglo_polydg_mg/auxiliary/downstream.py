@@ -20,18 +20,13 @@ from agglo_core.authoring import (
     Mesh,
     MeshError,
     Patches,
-    frozen_float,
-    frozen_index,
     frozen_int,
     multigrid,
 )
-from agglo_polydg_mg.auxiliary.flow_kernels import flow_order
 from agglo_polydg_mg.forms.convection import face_flows
 from agglo_polydg_mg.paper.level_spaces import polydg_prolongations
 from agglo_polydg_mg.polydg import PolyDG, corrections
 from agglo_polydg_mg.space.basis import Basis
-
-_FEWEST = 60  # parts of the coarsest level, as in `default_levels`
 
 
 def downstream_stack(
@@ -84,45 +79,6 @@ def downstream_stack(
     return multigrid.LevelStack(levels, multigrid.coarse_solver("lu", A))
 
 
-def flow_agglomerates(mesh: Mesh, strength: Float, fewest: int, count: int | None = None) -> list[Int]:
-    """Return the agglomerate of each cell ``(n_cells,)`` on the coarse levels, finest first.
-
-    Strongly coupled parts are paired, and the pairs paired again unless few enough: agglomerates follow the
-    flow where it dominates. Across closed streamlines a solution varies by diffusion alone, and wide
-    agglomerates would not resolve it.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    strength : (n_faces,) float
-        Coupling through each face. Couplings between the same two parts are added.
-    fewest : int
-        Number of parts that ends the coarsening, after at least one level if there are more than 60 cells.
-    count : int, optional
-        Number of levels, counting the mesh, as long as there are more than 60 parts.
-    """
-    inner = mesh.face_cells[:, 1] >= 0
-    faces, strength = mesh.face_cells[inner], strength[inner]
-    labels, levels, n = np.arange(mesh.n_cells), list[Int](), mesh.n_cells
-    while n > _FEWEST and (n > fewest or not levels or count is not None) and len(levels) + 1 != count:
-        for _ in range(2):
-            # Pairs of parts by descending coupling
-            ends = np.sort(labels[faces], axis=1).T
-            sums = sparse.csr_array((strength, ends), shape=(n, n)).tocoo()
-            pairs = np.stack(sums.coords, axis=1)[np.argsort(-sums.data, kind="stable")]
-            pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-            groups = multigrid.joined_patches(frozen_int(pairs), n, most=2)
-            merged = np.empty(n, np.int64)
-            merged[groups.parts] = np.repeat(np.arange(len(groups)), np.diff(groups.offsets))
-            labels, n = merged[labels], len(groups)
-            if n <= fewest:
-                break
-        if levels and n == levels[-1].max() + 1:  # parts without neighbours
-            break
-        levels.append(frozen_int(labels))
-    return levels
-
-
 def _sorted(patches: Patches, order: Int) -> Patches:
     """Return the patches by the mean position of their cells in an order."""
     sizes = np.diff(patches.offsets)
@@ -135,9 +91,6 @@ def _sorted(patches: Patches, order: Int) -> Patches:
 
 def downstream_order(mesh: Mesh, flows: Float) -> Int:
     """Return the cells ``(n_cells,)`` sorted along the flow ``(n_faces,)``, outward of the first cells.
-
-    Each cell follows those from which it has inflow. Where streamlines are closed, the next cell is the
-    one with the least inflow from later cells, relative to its whole inflow.
 
     Examples
     --------
@@ -153,4 +106,4 @@ def downstream_order(mesh: Mesh, flows: Float) -> Int:
     cells, flow = mesh.face_cells[used], flows[used]
     above, below = np.where((flow > 0.0)[:, None], cells, cells[:, ::-1]).T
     into = sparse.csr_array((np.abs(flow), (above, below)), shape=(mesh.n_cells, mesh.n_cells))
-    return frozen_int(flow_order(*map(frozen_index, (into.indptr, into.indices)), frozen_float(into.data)))
+    return multigrid.downstream_order(into)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import Float, History, Int, OptionError, Tell, multigrid, solvers
-from agglo_polydg_mg.auxiliary.downstream import downstream_stack, flow_agglomerates
+from agglo_polydg_mg.auxiliary.downstream import downstream_stack
 from agglo_polydg_mg.auxiliary.strong_faces import strong_part
 from agglo_polydg_mg.forms.coefficients import cell_means
 from agglo_polydg_mg.forms.convection import face_flows
@@ -72,7 +72,9 @@ class ConvectionTask(DiffusionTask):
         mean = 2.0 / (1.0 / kappa[owner] + 1.0 / kappa[other])  # used on inner faces alone
         diffusion = self._sigma * mean * mesh.face_measures
         strength = 0.5 * np.abs(face_flows(mesh, self.problem.convection)) + diffusion
-        return flow_agglomerates(mesh, strength, _FACTORISED[mesh.dim] // self.basis.n_local, self.count)
+        inner, fewest = other >= 0, _FACTORISED[mesh.dim] // self.basis.n_local
+        ends = mesh.face_cells[inner]
+        return multigrid.paired_levels(ends, strength[inner], mesh.n_cells, fewest, self.count)
 
     def stack(self) -> multigrid.LevelStack:
         """Build the multigrid levels.

@@ -61,6 +61,8 @@ def task_for(
         made: Any = DiffusionTask if isinstance(problem, Diffusion) else ElasticityTask
         task: Task = made(problem, hierarchy, how, overrides, count, units, plan, numbering, kept)
         return task
+    if isinstance(problem, Linear) and not problem.symmetric:
+        return solvers.GeneralTask(problem, hierarchy, overrides.recipe, overrides.cycle, overrides.precision)
     if isinstance(problem, Linear):
         return solvers.LinearTask(
             problem, hierarchy, count, overrides.recipe, overrides.cycle, overrides.precision

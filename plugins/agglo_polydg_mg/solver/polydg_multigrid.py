@@ -44,8 +44,9 @@ class PolyDGMultigrid:
 
     Problems with convection are solved by :func:`agglo_core.multigrid.gcr`, with polynomials on agglomerates
     and cells smoothed downstream (:mod:`~agglo_polydg_mg.auxiliary.downstream`). Their energy error is
-    unknown, and the residual alone is tested. They take the recipes ``auto`` and ``agglomerates``, the cycles
-    V, W and F, and double precision.
+    unknown, and the residual alone is tested. Linear systems with ``symmetric=False`` are solved alike, with
+    aggregates of strongly coupled unknowns (:func:`~agglo_core.multigrid.flow_stack`). Both take the cycles
+    V, W and F and double precision. Convection takes the recipes ``auto`` and ``agglomerates``.
 
     Parameters
     ----------

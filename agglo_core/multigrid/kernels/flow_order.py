@@ -1,4 +1,4 @@
-"""Kernel that sorts cells along a flow."""
+"""Kernel that sorts parts along a flow."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -8,27 +8,27 @@ from heapq import heapify, heappop, heappush
 
 import numpy as np
 
-from agglo_core.authoring import kernel
+from agglo_core.compiled.compiling import kernel
 
-_ROUNDING = 1e-9  # remaining inflow of a cell relative to its whole inflow, above rounding errors
+_ROUNDING = 1e-9  # remaining inflow of a part relative to its whole inflow, above rounding errors
 
 
 @kernel()
 def flow_order(indptr, indices, flows):
-    """Return the cells ``(n,)``, each the one with the least inflow from cells not yet sorted.
+    """Return the parts ``(n,)``, each the one with the least inflow from parts not yet sorted.
 
-    The inflow is relative to the whole inflow of the cell; smaller numbers come first where it is equal.
-    Cell i flows into ``indices[indptr[i]:indptr[i + 1]]`` by the positive amounts ``flows``.
+    The inflow is relative to the whole inflow of the part; smaller numbers come first where it is equal.
+    Part i flows into ``indices[indptr[i]:indptr[i + 1]]`` by the positive amounts ``flows``.
     """
     n = len(indptr) - 1
     whole, order, done = np.zeros(n), np.empty(n, np.int64), np.zeros(n, np.bool_)
     for k in range(len(indices)):
         whole[indices[k]] += flows[k]
     remaining = whole.copy()
-    # 1. Queue of cells by their remaining share; entries that are out of date are skipped.
+    # 1. Queue of parts by their remaining share; entries that are out of date are skipped.
     queue = [(1.0 if whole[i] > 0.0 else 0.0, i) for i in range(n)]
     heapify(queue)
-    # 2. The next cell leaves the inflow of those below.
+    # 2. The next part leaves the inflow of those below.
     count = 0
     while count < n:
         _, i = heappop(queue)
