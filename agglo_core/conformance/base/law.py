@@ -1,11 +1,19 @@
-"""Laws: functions that test a component, and raise Broken with the fault and its remedy."""
+"""Laws: functions that test a component, and raise Broken with the fault and its remedy.
+
+A law is a property of the component, or of the component and a test case. Test cases are drawn, and the
+search for a small case that breaks the law is that of hypothesis.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from inspect import cleandoc
-from typing import Final
+from typing import Any, Final
+from zlib import crc32
 
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken
@@ -14,6 +22,12 @@ from agglo_core.registry.containment import PLUGIN_FAILURES
 
 ASKED: Final = tuple(kind for kind in KINDS if kind != "sample")
 """Kinds whose components are called by the suite; a sample is only built."""
+
+_BATCH = 10
+"""Cases drawn by one search: after ten, hypothesis mostly varies earlier cases."""
+
+_SHRINKING = 4.0
+"""CPU seconds to look for a smaller case that fails, too."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +72,104 @@ class Law:
 
 
 def law(
-    *kinds: str, promise: str | None = None, when: Callable[[Subject], bool] | None = None
-) -> Callable[[Callable[[Subject], None]], Law]:
-    """Decorator that turns a test function into a law for these kinds of component."""
-    return lambda judge: Law(kinds, promise, when, judge)
+    *kinds: str,
+    draw: Callable[[Subject], Any] | None = None,
+    fixed: Callable[[Subject], Sequence[Any]] = lambda _: (),
+    examples: int = 100,
+    promise: str | None = None,
+    when: Callable[[Subject], bool] | None = None,
+) -> Callable[[Callable[..., None]], Law]:
+    """Decorator that turns a test function into a law for these kinds of component.
+
+    Parameters
+    ----------
+    *kinds : str
+        Kinds of component.
+    draw : callable, optional
+        Returns the hypothesis strategy of the test cases for a component, or None if there are none. Without
+        it, the test function gets the component alone.
+    fixed : callable
+        Returns further test cases, which are judged afterwards.
+    examples : int
+        Number of drawn cases.
+    promise, when
+        As in :class:`Law`.
+    """
+
+    def decorate(holds: Callable[..., None]) -> Law:
+        @wraps(holds)
+        def judge(subject: Subject) -> None:
+            assert draw is not None
+            _require_of_drawn(holds, subject, draw(subject), min(examples, subject.draws))
+            for case in fixed(subject):
+                try:
+                    holds(subject, case)
+                except Broken as error:
+                    raise _with_code(error, case) from error.__cause__
+
+        return Law(kinds, promise, when, holds if draw is None else judge)
+
+    return decorate
+
+
+def _require_of_drawn(holds: Callable[..., None], subject: Subject, strategy: Any, examples: int) -> None:
+    """Require a property of drawn test cases, and raise Broken for the smallest case found that breaks it."""
+    from hypothesis.errors import Flaky
+
+    smallest: list[tuple[Any, Broken]] = []
+    deadline: list[float] = []
+
+    # After the time for shrinking all further candidates pass.
+    def once(case: Any) -> None:
+        if deadline and time.process_time() > deadline[0]:
+            return
+        try:
+            holds(subject, case)
+        except Broken as error:
+            deadline[:] = deadline or [time.process_time() + _SHRINKING]
+            smallest[:] = [(case, error)]
+            raise
+
+    for batch in range(-(-examples // _BATCH) if strategy is not None else 0):
+        seed = crc32(f"{holds.__name__} {batch}".encode())  # other cases for each law and batch
+        try:
+            _search(once, strategy, seed, min(_BATCH, examples))
+        except (Broken, Flaky):
+            if not smallest:
+                raise
+            break
+    if smallest:
+        case, error = smallest[0]
+        raise _with_code(error, case) from error.__cause__
+
+
+def examples_of(strategy: Any, number: int) -> list[Any]:
+    """Return a few drawn test cases, the simplest first, which are the same in every run."""
+    examples: list[Any] = []
+    _search(examples.append, strategy, number, number)
+    return examples
+
+
+def _search(function: Callable[[Any], None], strategy: Any, seed_number: int, examples: int) -> None:
+    """Call a function with values drawn for a seed, and after an exception with smaller ones."""
+    from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
+
+    configure = settings(
+        max_examples=examples,
+        database=None,
+        deadline=None,
+        phases=(Phase.generate, Phase.shrink),
+        report_multiple_bugs=False,
+        suppress_health_check=list(HealthCheck),
+        verbosity=Verbosity.quiet,
+        print_blob=False,
+    )
+    seeded: Any = seed(seed_number)
+    seeded(configure(given(strategy)(lambda value: function(value))))()  # type: ignore[no-untyped-call]
+
+
+def _with_code(error: Broken, case: Any) -> Broken:
+    """Return the failure with the code that makes its case, and the import of the recipes in it."""
+    names = sorted(set(re.findall(r"\b(?:Drawn\w+|drawn_labels)(?=\()", case.code)))
+    imports = f"from agglo_core.conformance import {', '.join(names)}\n" if names else ""
+    return Broken(str(error), error.cause, imports + case.code)

@@ -17,7 +17,7 @@ from scipy import sparse
 
 from agglo_core.conformance.base.asking import ask
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import examples_of
+from agglo_core.conformance.base.law import examples_of
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import FORM, Broken
 from agglo_core.conformance.inputs.cases import (

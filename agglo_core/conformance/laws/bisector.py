@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from agglo_core.agglomeration.border import one_sided_blocks
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
+from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import FORM, require
 from agglo_core.conformance.inputs.cases import kway_case, large_cases
@@ -38,7 +38,7 @@ def bisects(subject: Subject) -> bool:
     return subject.has("bisect_level") or subject.has("bisect")
 
 
-@drawn_law("bisector", draw=graph_cases, fixed=large_graphs, examples=60)
+@law("bisector", draw=graph_cases, fixed=large_graphs, examples=60)
 def side_array(subject: Subject, case: Case) -> None:
     """Sides form an array (n,) of integers or booleans 0 and 1, or of probabilities of side 1."""
     result = answer(subject, subject.build(), case)
@@ -56,7 +56,7 @@ def side_array(subject: Subject, case: Case) -> None:
     require(low >= 0 and high <= 1, f"on {case.name}: sides are {low}..{high}, expected 0..1: {remedy}")
 
 
-@drawn_law(
+@law(
     "bisector",
     draw=graph_cases,
     fixed=large_graphs,
@@ -74,7 +74,7 @@ def two_sides(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("bisector", draw=graph_cases, fixed=large_graphs, promise="connected")
+@law("bisector", draw=graph_cases, fixed=large_graphs, promise="connected")
 def connected(subject: Subject, case: Case) -> None:
     """Both sides of a connected graph are connected."""
     sides = plain(subject, subject.build(), case).astype(np.int64)
@@ -82,7 +82,7 @@ def connected(subject: Subject, case: Case) -> None:
     require(pieces == 1, f"on {case.name}: a side is in {pieces} pieces: drop the promise connected")
 
 
-@drawn_law("bisector", draw=graph_cases, fixed=large_graphs, promise="balanced")
+@law("bisector", draw=graph_cases, fixed=large_graphs, promise="balanced")
 def balanced(subject: Subject, case: Case) -> None:
     """The weight share of a side differs from 1/2 by at most the promised tolerance plus one cell."""
     tolerance = subject.promised("balanced")
@@ -98,7 +98,7 @@ def balanced(subject: Subject, case: Case) -> None:
         )
 
 
-@drawn_law("bisector", draw=graph_cases, examples=50, when=lambda subject: subject.has("bisect_shares"))
+@law("bisector", draw=graph_cases, examples=50, when=lambda subject: subject.has("bisect_shares"))
 def shares_kept(subject: Subject, case: Case) -> None:
     """By ``bisect_shares`` a side of each block has its share of the mass, up to a tenth and one cell."""
     graph, tool = case.given[0], subject.build()
@@ -125,7 +125,7 @@ def _whole_graphs(subject: Subject) -> Any:
     return graph_cases(subject, blocks=(1,))
 
 
-@drawn_law(
+@law(
     "bisector", draw=_whole_graphs, fixed=lambda _: large_cases("bisector")[:2], when=_partitions, examples=50
 )
 def kway_labels(subject: Subject, case: Case) -> None:
@@ -145,7 +145,7 @@ def kway_labels(subject: Subject, case: Case) -> None:
         )
 
 
-@drawn_law("bisector", draw=_whole_graphs, promise="kway", when=_partitions, examples=50)
+@law("bisector", draw=_whole_graphs, promise="kway", when=_partitions, examples=50)
 def kway_parts(subject: Subject, case: Case) -> None:
     """At least half of the requested parts are nonempty if no cell has the weight of half a part."""
     weights = case.given[0].weights

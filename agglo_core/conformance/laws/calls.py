@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, frozen_float
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.own_arrays import arrays_in, find_writing_line, home, in_own_arrays
 from agglo_core.conformance.base.subject import Subject
@@ -249,7 +248,7 @@ def _levels(subject: Subject) -> Any:
     return graph_cases(subject, blocks=(5, 2, 40), tagged=True)
 
 
-@drawn_law("bisector", "refiner", "fixer", draw=_levels, fixed=large_graphs, examples=25)
+@law("bisector", "refiner", "fixer", draw=_levels, fixed=large_graphs, examples=25)
 def a_level_is_its_blocks(subject: Subject, case: Case) -> None:
     """The result of a block does not depend on other blocks, their sizes or their order."""
     graph, tool = case.given[0], subject.build()

@@ -9,7 +9,6 @@ import numpy as np
 
 from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.own_components import own_components
 from agglo_core.conformance.base.subject import Subject
@@ -26,7 +25,7 @@ from agglo_core.mesh import Mesh
 _EXAMPLES = 40  # drawn meshes for each law
 
 
-@drawn_law("constraint", draw=constraint_cases, examples=_EXAMPLES)
+@law("constraint", draw=constraint_cases, examples=_EXAMPLES)
 def masks(subject: Subject, case: Case) -> None:
     """Masks are booleans, one per part or CSR entry, alike for both directions of an edge."""
     mesh, labels = case.given
@@ -49,7 +48,7 @@ def masks(subject: Subject, case: Case) -> None:
         )
 
 
-@drawn_law("constraint", draw=constraint_cases, examples=_EXAMPLES)
+@law("constraint", draw=constraint_cases, examples=_EXAMPLES)
 def numbering_ignored(subject: Subject, case: Case) -> None:
     """Constraints do not depend on the numbering of cells, faces and points."""
     mesh, labels = case.given
@@ -68,9 +67,7 @@ def numbering_ignored(subject: Subject, case: Case) -> None:
         )
 
 
-@drawn_law(
-    "constraint", draw=constraint_cases, examples=_EXAMPLES, when=lambda subject: subject.has("for_mesh")
-)
+@law("constraint", draw=constraint_cases, examples=_EXAMPLES, when=lambda subject: subject.has("for_mesh"))
 def bound_to_its_mesh(subject: Subject, case: Case) -> None:
     """The rule that ``for_mesh`` returns stays the same when the constraint is given another mesh."""
     before = _answer_unless_refused(subject, case)
@@ -88,7 +85,7 @@ def bound_to_its_mesh(subject: Subject, case: Case) -> None:
         )
 
 
-@drawn_law("constraint", draw=constraint_cases, examples=_EXAMPLES)
+@law("constraint", draw=constraint_cases, examples=_EXAMPLES)
 def large_tags(subject: Subject, case: Case) -> None:
     """A constraint that gives equal masks for the tags 1, 2, … and 6, 7, … does so for large values."""
     mesh, labels = case.given
@@ -120,7 +117,7 @@ def _retagged(mesh: Mesh, factor: int, shift: int) -> Mesh:
     )
 
 
-@drawn_law("constraint", draw=constraint_cases, examples=_EXAMPLES)
+@law("constraint", draw=constraint_cases, examples=_EXAMPLES)
 def pieces_admissible(subject: Subject, case: Case) -> None:
     """A single cell is admissible, and so is each half of an admissible part, so that splitting ends."""
     mesh, labels = case.given

@@ -12,7 +12,6 @@ from scipy.sparse.linalg import spsolve
 
 from agglo_core.arrays import Float
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
@@ -72,7 +71,7 @@ def has_all_methods(subject: Subject) -> None:
     )
 
 
-@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES)
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES)
 def system_fits_mesh(subject: Subject, case: Case) -> None:
     """``assemble`` returns a System whose blocks are the cells of the mesh, if it names the mesh."""
     system, cells = answer(subject, subject.build(), case), case.given[1].n_cells
@@ -87,7 +86,7 @@ def system_fits_mesh(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES)
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES)
 def constants_kept(subject: Subject, case: Case) -> None:
     """The projection of a constant is this constant, by ``evaluate`` and by ``sample``."""
     tool, mesh = subject.build(), case.given[1]
@@ -118,7 +117,7 @@ def _simplex_sizes(samples: Samples) -> Float:
     return np.asarray(volumes / (2.0 if corners.shape[2] == 2 else 6.0))
 
 
-@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES)
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES)
 def samples_fill_cells(subject: Subject, case: Case) -> None:
     """The simplices of ``sample`` fill each cell, with values as by ``evaluate``, which is NaN outside."""
     tool, mesh = subject.build(), case.given[1]
@@ -156,7 +155,7 @@ def samples_fill_cells(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
 def symmetric_and_definite(subject: Subject, case: Case) -> None:
     """The matrix of a diffusion problem is symmetric and positive definite."""
     tool, mesh = subject.build(), case.given[1]
@@ -179,7 +178,7 @@ def symmetric_and_definite(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("discretisation", draw=plates, examples=_EXAMPLES, when=_takes_diffusion)
+@law("discretisation", draw=plates, examples=_EXAMPLES, when=_takes_diffusion)
 def linear_met(subject: Subject, recipe: DrawnPlate) -> None:
     """Linear solutions are met at the centroids of rectangles and boxes, even at a jump of κ."""
     problem, hierarchy, exact = recipe.posed
@@ -188,7 +187,7 @@ def linear_met(subject: Subject, recipe: DrawnPlate) -> None:
     _require_met(_solve(subject.build(), problem, mesh), exact(mesh.cell_centroids), mesh)
 
 
-@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, promise="patch_test", when=_takes_diffusion)
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, promise="patch_test", when=_takes_diffusion)
 def patch_test(subject: Subject, case: Case) -> None:
     """Linear solutions are met on any mesh, and linear functions are their own projections."""
     tool, mesh = subject.build(), case.given[1]
@@ -218,7 +217,7 @@ def _require_met(values: Float | None, exact: Float, mesh: Mesh, what: str = "a 
     )
 
 
-@drawn_law("discretisation", draw=plates, examples=6, when=_takes_diffusion)
+@law("discretisation", draw=plates, examples=6, when=_takes_diffusion)
 def second_order(subject: Subject, recipe: DrawnPlate) -> None:
     """For a smooth solution with a source, halving the cell size divides the error by 2.5 or more."""
     gaps = []
@@ -235,7 +234,7 @@ def second_order(subject: Subject, recipe: DrawnPlate) -> None:
     )
 
 
-@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
 def coarse_like_fine(subject: Subject, case: Case) -> None:
     """``coarse_operator`` fits the coarse mesh, is symmetric, and for single cells equals the matrix."""
     tool, mesh = subject.build(), case.given[1]
@@ -262,7 +261,7 @@ def coarse_like_fine(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
 def errors_measured(subject: Subject, case: Case) -> None:
     """The error ``l2`` of the function 1 is the root of the domain's measure if the solution is 0."""
     tool, mesh = subject.build(), case.given[1]
@@ -279,7 +278,7 @@ def errors_measured(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
 def load_and_residuals(subject: Subject, case: Case) -> None:
     """``load`` is b without Dirichlet terms, and residuals are measured in a norm, relative to b."""
     tool, mesh = subject.build(), case.given[1]
@@ -306,7 +305,7 @@ def load_and_residuals(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_offers("gradient"))
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_offers("gradient"))
 def gradient_fits_values(subject: Subject, case: Case) -> None:
     """``gradient`` is the limit of the differences of ``evaluate``, and NaN outside the mesh."""
     tool, mesh = subject.build(), case.given[1]
@@ -337,7 +336,7 @@ def gradient_fits_values(subject: Subject, case: Case) -> None:
         )
 
 
-@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_offers("integrals"))
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_offers("integrals"))
 def integrals_fit_values(subject: Subject, case: Case) -> None:
     """``integrals`` over cells are those of the samples of a projected linear function."""
     tool, mesh = subject.build(), case.given[1]
@@ -354,7 +353,7 @@ def integrals_fit_values(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_offers("mass"))
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_offers("mass"))
 def mass_integrates(subject: Subject, case: Case) -> None:
     """``mass`` is symmetric, and integrates the function 1 to the measures of mesh and cells."""
     tool, mesh = subject.build(), case.given[1]
@@ -388,7 +387,7 @@ def mass_integrates(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_offers("quadrature"))
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_offers("quadrature"))
 def quadrature_fits_values(subject: Subject, case: Case) -> None:
     """``quadrature`` has weights that sum to the measure, and the values of ``evaluate`` at its points."""
     tool, mesh = subject.build(), case.given[1]
@@ -407,7 +406,7 @@ def quadrature_fits_values(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law(
+@law(
     "discretisation",
     draw=mesh_cases,
     examples=_EXAMPLES,

@@ -16,7 +16,6 @@ from scipy.spatial import cKDTree
 
 from agglo_core.arrays import frozen_int
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
@@ -58,7 +57,7 @@ def suffixes_declared(subject: Subject) -> None:
     )
 
 
-@drawn_law("format", draw=_drawn, fixed=questions, when=_writes)
+@law("format", draw=_drawn, fixed=questions, when=_writes)
 def read_back(subject: Subject, case: Case) -> None:
     """A written mesh is read back to 1e-12 with all cell tags, to the last bit if ``lossless`` is set."""
     tool, mesh = subject.build(), case.given[0]
@@ -93,7 +92,7 @@ def read_back(subject: Subject, case: Case) -> None:
         require(not changed, f"on {case.name}: {', '.join(changed)} came back changed: set lossless = False")
 
 
-@drawn_law("format", draw=_drawn, fixed=questions, examples=20, when=_writes)
+@law("format", draw=_drawn, fixed=questions, examples=20, when=_writes)
 def hierarchy_kept(subject: Subject, case: Case) -> None:
     """A written hierarchy is read back by read_hierarchy, or as cell tags level_0, …, or else refused."""
     mesh = case.given[0]

@@ -13,7 +13,6 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import ATTRIBUTES, FORM, require
@@ -69,7 +68,7 @@ def _many_parts(_: Subject) -> list[Case]:
     return [mesh_case(DrawnMesh(cells=1200, jitter=0.25, renumbered=True), "alone", 1)]
 
 
-@drawn_law("metric", draw=metric_cases, fixed=_many_parts)
+@law("metric", draw=metric_cases, fixed=_many_parts)
 def value_array(subject: Subject, case: Case) -> None:
     """Values form an array of shape (k,), with one number per agglomerate."""
     result = answer(subject, subject.build(), case)
@@ -88,7 +87,7 @@ def _round_parts(subject: Subject) -> list[Case]:
     return [mesh_case(DrawnMesh(family, cells=50), "alone", 1) for family in families]
 
 
-@drawn_law("metric", draw=metric_cases, fixed=_round_parts)
+@law("metric", draw=metric_cases, fixed=_round_parts)
 def within_bounds(subject: Subject, case: Case) -> None:
     """Values are finite, or NaN if ``undefined`` is set, and lie within the declared bounds."""
     tool = subject.build()
@@ -126,7 +125,7 @@ def hand_values(subject: Subject) -> None:
         _require_close(subject, case, values, np.array(expected), f"on {case.name}", "see the definition")
 
 
-@drawn_law("metric", draw=metric_cases, examples=50)
+@law("metric", draw=metric_cases, examples=50)
 def homogeneous(subject: Subject, case: Case) -> None:
     """Scaling the mesh by s scales values by s to the declared power, in 3-D perhaps to a larger power."""
     declared = subject.build().homogeneity
@@ -152,7 +151,7 @@ def _is_scaled(subject: Subject, case: Case, values: Float, before: Float, facto
     return bool(np.allclose(values, before * factor, rtol=0.0, atol=slack, equal_nan=True))
 
 
-@drawn_law("metric", draw=metric_cases, examples=50)
+@law("metric", draw=metric_cases, examples=50)
 def rigid_motion(subject: Subject, case: Case) -> None:
     """Translations change no value, nor do rotations and reflections unless ``directional`` is set."""
     before = plain(subject, subject.build(), case)
@@ -166,7 +165,7 @@ def rigid_motion(subject: Subject, case: Case) -> None:
             )  # fmt: skip
 
 
-@drawn_law("metric", draw=metric_cases, fixed=_many_parts)
+@law("metric", draw=metric_cases, fixed=_many_parts)
 def renaming(subject: Subject, case: Case) -> None:
     """Values follow the agglomerate labels and do not depend on the numbering of the mesh."""
     mesh, labels = case.given
@@ -183,7 +182,7 @@ def renaming(subject: Subject, case: Case) -> None:
     _require_close(subject, case, values, before, where, remedy)
 
 
-@drawn_law(
+@law(
     "metric",
     draw=metric_cases,
     examples=50,
@@ -206,7 +205,7 @@ def shape_only_is_true(subject: Subject, case: Case) -> None:
         )  # fmt: skip
 
 
-@drawn_law("metric", draw=metric_cases, when=lambda subject: not _declares(subject, "relative"))
+@law("metric", draw=metric_cases, when=lambda subject: not _declares(subject, "relative"))
 def far_parts_do_not_matter(subject: Subject, case: Case) -> None:
     """The value of an agglomerate does not depend on distant cells and parts, unless ``relative`` is set."""
     mesh, labels = case.given
@@ -272,7 +271,7 @@ def _accepts(subject: Subject, options: Mapping[str, Any]) -> bool:
     return True
 
 
-@drawn_law(
+@law(
     "metric", draw=_with_options, fixed=_many_parts, when=lambda subject: subject.has("changes"), examples=30
 )
 def changes_add_up(subject: Subject, case: Case) -> None:

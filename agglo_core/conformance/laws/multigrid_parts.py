@@ -13,7 +13,7 @@ from scipy.sparse.linalg import spsolve
 
 from agglo_core.arrays import Float, frozen_float
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
+from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import FORM, Broken, require
 from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
@@ -24,7 +24,7 @@ from agglo_core.problems import CoarseSpace
 _EXAMPLES = 30  # drawn levels for each law
 
 
-@drawn_law("transfer", draw=coarsening_cases, examples=_EXAMPLES)
+@law("transfer", draw=coarsening_cases, examples=_EXAMPLES)
 def prolongation_fits(subject: Subject, case: Case) -> None:
     """The prolongation is sparse, with a row per unknown and independent columns grouped by coarse part."""
     space = _space(subject, case)
@@ -74,7 +74,7 @@ def _require_grouped(subject: Subject, case: Case, parts: int) -> None:
     )
 
 
-@drawn_law("transfer", draw=coarsening_cases, examples=_EXAMPLES)
+@law("transfer", draw=coarsening_cases, examples=_EXAMPLES)
 def near_null_kept(subject: Subject, case: Case) -> None:
     """Constants lie nearly in the range of P, and near-null vectors in that of P times the coarse ones."""
     space, step = _space(subject, case), case.given[0]
@@ -146,7 +146,7 @@ def _matrix(case: Case, given: Any, shape: tuple[int, int | None]) -> Any:
     return sparse.csr_array(given, dtype=float)
 
 
-@drawn_law("coarse_operator", draw=coarsening_cases, examples=_EXAMPLES)
+@law("coarse_operator", draw=coarsening_cases, examples=_EXAMPLES)
 def coarse_matrix_fits(subject: Subject, case: Case) -> None:
     """``coarse_matrix(step, P)`` is sparse, real and symmetric, with a row for each column of P."""
     C = _coarse_matrix(subject, case).toarray()
@@ -154,7 +154,7 @@ def coarse_matrix_fits(subject: Subject, case: Case) -> None:
     require(gap <= 1e-9, f"on {case.name}: C and its transpose differ by {gap:.1e}: restrict by Pᵀ")
 
 
-@drawn_law("coarse_operator", draw=coarsening_cases, examples=_EXAMPLES)
+@law("coarse_operator", draw=coarsening_cases, examples=_EXAMPLES)
 def coarse_energy_kept(subject: Subject, case: Case) -> None:
     """The coarse energy v·C v lies between a tenth and ten times that of Pᵀ A P, for every v."""
     step, P = case.given
@@ -174,7 +174,7 @@ def _coarse_matrix(subject: Subject, case: Case) -> Any:
     return _matrix(case, answer(subject, subject.build(), case), (m, m))
 
 
-@drawn_law("coarse_solver", draw=coarsening_cases, examples=_EXAMPLES)
+@law("coarse_solver", draw=coarsening_cases, examples=_EXAMPLES)
 def coarse_error_reduced(subject: Subject, case: Case) -> None:
     """``solver_for(A)`` returns a function b ↦ x ``(n,)`` with relative energy error at most 10 %."""
     A, b = case.given
@@ -195,7 +195,7 @@ def coarse_error_reduced(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("coarse_solver", draw=coarsening_cases, examples=_EXAMPLES, promise="symmetric")
+@law("coarse_solver", draw=coarsening_cases, examples=_EXAMPLES, promise="symmetric")
 def coarse_solver_symmetric(subject: Subject, case: Case) -> None:
     """The solution is a linear and symmetric function of b."""
     A = case.given[0]

@@ -12,7 +12,6 @@ from scipy.sparse.csgraph import connected_components
 from agglo_core.agglomeration.border import broken_blocks
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import FORM, Broken, require
@@ -42,7 +41,7 @@ def bounded_time(subject: Subject) -> None:
         )
 
 
-@drawn_law("refiner", "fixer", draw=graph_cases, fixed=large_graphs)
+@law("refiner", "fixer", draw=graph_cases, fixed=large_graphs)
 def label_array(subject: Subject, case: Case) -> None:
     """Labels form an array of integers of shape (n,), and each block keeps its set of labels."""
     graph, labels = case.given[:2]
@@ -68,7 +67,7 @@ def label_array(subject: Subject, case: Case) -> None:
         )
 
 
-@drawn_law("refiner", "fixer", draw=graph_cases, fixed=large_graphs)
+@law("refiner", "fixer", draw=graph_cases, fixed=large_graphs)
 def components_not_raised(subject: Subject, case: Case) -> None:
     """No part has more connected components than before, and after a fixer each part is connected."""
     graph, labels = case.given[:2]
@@ -106,7 +105,7 @@ def _has_objective(subject: Subject) -> bool:
     return subject.build().objective in OBJECTIVES
 
 
-@drawn_law(
+@law(
     "refiner",
     draw=lambda subject: graph_cases(subject, blocks=(1, 2, 5, 40) if _has_objective(subject) else (1,)),
     fixed=lambda subject: large_graphs(subject) if _has_objective(subject) else [],
@@ -154,7 +153,7 @@ def _sum_of_metric(subject: Subject, tool: Any, case: Case) -> Callable[[Graph, 
     return lambda graph, labels: sign * float(metric.measure(case.mesh, numbered_parts(graph, labels)).sum())
 
 
-@drawn_law("fixer", draw=graph_cases, fixed=large_graphs)
+@law("fixer", draw=graph_cases, fixed=large_graphs)
 def connected_left_alone(subject: Subject, case: Case) -> None:
     """Labels stay unchanged in blocks whose parts are all connected."""
     graph, labels = case.given
@@ -167,7 +166,7 @@ def connected_left_alone(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law(
+@law(
     "refiner",
     draw=graph_cases,
     when=lambda subject: bool(getattr(subject.build(), "tests_moves", False)),

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
@@ -38,7 +37,7 @@ def kind_named(subject: Subject) -> None:
     )
 
 
-@drawn_law("problem", draw=mesh_cases, examples=30)
+@law("problem", draw=mesh_cases, examples=30)
 def example_given(subject: Subject, case: Case) -> None:
     """``example(mesh)`` returns a problem of its own class, which is immutable, on every mesh."""
     tool = subject.build()

@@ -13,7 +13,6 @@ import numpy as np
 from agglo_core.arrays import frozen_int
 from agglo_core.conformance.base.asking import for_target
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import ASKED, law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
@@ -56,7 +55,7 @@ _CHANGES = {
 }
 
 
-@drawn_law("bisector", "refiner", "fixer", draw=irregular_cases, promise="invariant", examples=8)
+@law("bisector", "refiner", "fixer", draw=irregular_cases, promise="invariant", examples=8)
 def invariant(subject: Subject, case: Case) -> None:
     """Renumbering, moving or scaling an asymmetric mesh changes no result (sides may be exchanged)."""
     before = plain(subject, subject.build(), case)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from html.parser import HTMLParser
 
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
@@ -39,7 +38,7 @@ def titled(subject: Subject) -> None:
     )
 
 
-@drawn_law("section", draw=section_cases, examples=20)
+@law("section", draw=section_cases, examples=20)
 def static_html(subject: Subject, case: Case) -> None:
     """``html`` returns text without scripts, event handlers or external resources, and escapes names."""
     html = answer(subject, subject.build(), case)

@@ -9,7 +9,6 @@ import numpy as np
 
 from agglo_core.agglomeration.border import broken_blocks
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.own_components import own_components
 from agglo_core.conformance.base.running import runs_both_ways, runs_with
@@ -29,7 +28,7 @@ _LONGER = 1.25
 """Largest interface of grown parts relative to parts made depth by depth; small meshes vary a little."""
 
 
-@drawn_law("bisector", "refiner", "fixer", "metric", draw=run_cases, examples=20)
+@law("bisector", "refiner", "fixer", "metric", draw=run_cases, examples=20)
 def works_in_a_run(subject: Subject, case: Case) -> None:
     """Runs for a target count or size give connected parts as requested, and metrics can measure parts."""
     mesh, target = case.given

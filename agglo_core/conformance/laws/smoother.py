@@ -11,7 +11,6 @@ from scipy.linalg import eigh
 
 from agglo_core.arrays import Float, frozen_float
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import FORM, Broken, require
@@ -26,7 +25,7 @@ _FEW = 16  # unknowns below which a level has no smooth and rough half
 _GONE = 1e-8  # share of the error that counts as none
 
 
-@drawn_law("smoother", draw=smoother_cases, examples=_EXAMPLES)
+@law("smoother", draw=smoother_cases, examples=_EXAMPLES)
 def smoothed_array(subject: Subject, case: Case) -> None:
     """``setup(level)`` returns a function of (b, x) whose result is real with shape (n,)."""
     result = answer(subject, subject.build(), case)
@@ -39,7 +38,7 @@ def smoothed_array(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("smoother", draw=smoother_cases, examples=_EXAMPLES)
+@law("smoother", draw=smoother_cases, examples=_EXAMPLES)
 def solution_kept(subject: Subject, case: Case) -> None:
     """The exact solution of A x = b stays unchanged, and so does x = 0 for b = 0."""
     level, _, x = case.given
@@ -57,7 +56,7 @@ def _mixed_cases(subject: Subject) -> Any:
     return smoother_cases(subject, mixings=(0.05, 0.9))
 
 
-@drawn_law("smoother", draw=_mixed_cases, examples=_EXAMPLES)
+@law("smoother", draw=_mixed_cases, examples=_EXAMPLES)
 def error_reduced(subject: Subject, case: Case) -> None:
     """Each of 1 to 4 smoothing steps reduces the energy norm of the error, in any unit of the matrix."""
     level, b, x = case.given
@@ -72,7 +71,7 @@ def error_reduced(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("smoother", draw=smoother_cases, examples=_EXAMPLES)
+@law("smoother", draw=smoother_cases, examples=_EXAMPLES)
 def rough_error_damped(subject: Subject, case: Case) -> None:
     """Rough errors shrink by a factor at most 0.9 times that of smooth errors (without coarse correction)."""
     level = case.given[0]
@@ -93,7 +92,7 @@ def rough_error_damped(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("smoother", draw=smoother_cases, examples=_EXAMPLES, promise="symmetric")
+@law("smoother", draw=smoother_cases, examples=_EXAMPLES, promise="symmetric")
 def smoother_symmetric(subject: Subject, case: Case) -> None:
     """The remaining error is a linear function of the error, self-adjoint in the energy inner product."""
     A = case.given[0].A
@@ -125,7 +124,7 @@ def _two_sided(subject: Subject) -> bool:
     return hasattr(smooth, "before") or hasattr(smooth, "after")
 
 
-@drawn_law("smoother", draw=smoother_cases, examples=_EXAMPLES, when=_two_sided)
+@law("smoother", draw=smoother_cases, examples=_EXAMPLES, when=_two_sided)
 def both_sides(subject: Subject, case: Case) -> None:
     """``before(b)`` returns new arrays x and b − A x, ``after(b, x)`` returns x, and both leave b alone."""
     A, b = case.given[0].A, np.array(case.given[1])
@@ -147,7 +146,7 @@ def both_sides(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("smoother", draw=smoother_cases, examples=_EXAMPLES, when=_two_sided)
+@law("smoother", draw=smoother_cases, examples=_EXAMPLES, when=_two_sided)
 def after_mirrors_before(subject: Subject, case: Case) -> None:
     """If ``before`` gives x = B b, B is linear and ``after`` gives x + Bᵀ (b − A x)."""
     A = case.given[0].A

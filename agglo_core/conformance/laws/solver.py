@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
+from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs.cases import with_problem
@@ -69,7 +69,7 @@ def _fixed(subject: Subject) -> list[Case]:
     return [singular.case, large.case, replace(large, sort="uneven").case]
 
 
-@drawn_law("solver", draw=solver_cases, examples=_EXAMPLES)
+@law("solver", draw=solver_cases, examples=_EXAMPLES)
 def solution_record(subject: Subject, case: Case) -> None:
     """The Solution has x and b of equal length, a square A, iterations + 1 residuals and linked levels."""
     it = solve(subject, case)
@@ -105,7 +105,7 @@ def solution_record(subject: Subject, case: Case) -> None:
         )
 
 
-@drawn_law("solver", draw=solver_cases, examples=_EXAMPLES)
+@law("solver", draw=solver_cases, examples=_EXAMPLES)
 def solves(subject: Subject, case: Case) -> None:
     """Ordinary problems, also on disconnected meshes, converge to the solution of the returned system."""
     it = solve(subject, case)
@@ -118,7 +118,7 @@ def solves(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law(
+@law(
     "solver",
     draw=linear_cases,
     fixed=_fixed,
@@ -141,7 +141,7 @@ def given_system_kept(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("solver", draw=_any_problems, fixed=_fixed, examples=5 * _EXAMPLES)
+@law("solver", draw=_any_problems, fixed=_fixed, examples=5 * _EXAMPLES)
 def claims_hold(subject: Subject, case: Case) -> None:
     """The last residual is that of x, and claimed convergence is true, even on hard problems."""
     try:
@@ -180,7 +180,7 @@ def claims_hold(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law(
+@law(
     "solver",
     draw=lambda subject: solver_cases(subject, options=_settings(subject)),
     examples=_EXAMPLES,
@@ -204,7 +204,7 @@ def history_recorded(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("solver", draw=solver_cases, examples=_EXAMPLES // 2)
+@law("solver", draw=solver_cases, examples=_EXAMPLES // 2)
 def scales_with_the_data(subject: Subject, case: Case) -> None:
     """Factors of matrix and data scale the solution and the residual history, and zero data give 0."""
     if not isinstance(case.given[0], Diffusion | Linear):
@@ -240,7 +240,7 @@ def _scaled(case: Case, matrix: float, data: float) -> Case:
     return with_problem(case, kappa=times(problem.kappa, matrix), source=times(problem.source, data))
 
 
-@drawn_law(
+@law(
     "solver",
     draw=lambda subject: solver_cases(subject, ORDINARY[1:]),
     examples=5,
@@ -266,7 +266,7 @@ def columns_solved(subject: Subject, case: Case) -> None:
         )
 
 
-@drawn_law("solver", draw=solver_cases, examples=_EXAMPLES // 2)
+@law("solver", draw=solver_cases, examples=_EXAMPLES // 2)
 def each_solve_alone(subject: Subject, case: Case) -> None:
     """Earlier solves do not change the result, even on the same hierarchy."""
     if not isinstance(case.given[0], Diffusion | Linear):
@@ -285,7 +285,7 @@ def each_solve_alone(subject: Subject, case: Case) -> None:
         )
 
 
-@drawn_law("solver", draw=solver_cases, examples=_EXAMPLES)
+@law("solver", draw=solver_cases, examples=_EXAMPLES)
 def told_error_holds(subject: Subject, case: Case) -> None:
     """Reported energy errors and rounding limits are true for the returned x, and tests have known names."""
     it = solve(subject, case)
@@ -316,7 +316,7 @@ def _energy_error(it: Solution) -> float:
     return float(np.sqrt(max(square, 0.0) / size)) if size > 0.0 else 0.0
 
 
-@drawn_law(
+@law(
     "solver",
     draw=lambda subject: solver_cases(subject, (*ORDINARY, *DEFINITE, *UNLIKE_DIFFUSION)),
     examples=2 * _EXAMPLES,
@@ -337,7 +337,7 @@ def coarse_operators_inherited(subject: Subject, case: Case) -> None:
         )
 
 
-@drawn_law(
+@law(
     "solver",
     draw=lambda subject: solver_cases(subject, (*ORDINARY, *DEFINITE)),
     examples=_EXAMPLES,

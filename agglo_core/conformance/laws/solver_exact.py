@@ -13,7 +13,7 @@ import numpy as np
 
 from agglo_core.arrays import Float
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.drawing import drawn_law
+from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
 from agglo_core.conformance.inputs.problem_strategies import plates, solver_cases
@@ -54,7 +54,7 @@ def _found(subject: Subject, problem: Diffusion, hierarchy: Hierarchy) -> Float 
     return None if x is None or one is None else values(subject.build(), hierarchy, x, one)
 
 
-@drawn_law("solver", draw=_tagged_meshes, examples=_EXAMPLES, when=_takes_diffusion)
+@law("solver", draw=_tagged_meshes, examples=_EXAMPLES, when=_takes_diffusion)
 def constant_found(subject: Subject, case: Case) -> None:
     """Without source and with boundary value 1 wherever given, the solution is 1 for any κ, on any mesh."""
     problem, hierarchy = case.given
@@ -81,7 +81,7 @@ def constant_found(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("solver", draw=_tagged_meshes, examples=_EXAMPLES, when=_takes_diffusion)
+@law("solver", draw=_tagged_meshes, examples=_EXAMPLES, when=_takes_diffusion)
 def data_superposed(subject: Subject, case: Case) -> None:
     """Source, boundary values and fluxes add up, and have the same effect as numbers, arrays or functions."""
     problem, hierarchy = case.given
@@ -111,7 +111,7 @@ def data_superposed(subject: Subject, case: Case) -> None:
     )
 
 
-@drawn_law("solver", draw=_tagged_meshes, examples=_EXAMPLES, when=_takes_diffusion)
+@law("solver", draw=_tagged_meshes, examples=_EXAMPLES, when=_takes_diffusion)
 def further_terms_kept(subject: Subject, case: Case) -> None:
     """Reaction, Robin data, tensors and convection enter the solution, or the problem is refused."""
     problem, hierarchy = case.given
@@ -156,7 +156,7 @@ def _other_form(kappa: Any, n: int) -> Any:
     return np.full(n, kappa) if isinstance(kappa, float) else kappa
 
 
-@drawn_law("solver", draw=plates, examples=3 * _EXAMPLES, when=_takes_diffusion)
+@law("solver", draw=plates, examples=3 * _EXAMPLES, when=_takes_diffusion)
 def linear_found(subject: Subject, recipe: DrawnPlate) -> None:
     """Boundary values and fluxes give a linear solution exactly, even at a jump of κ, on rectangles."""
     problem, hierarchy, exact = recipe.posed
@@ -177,7 +177,7 @@ def linear_found(subject: Subject, recipe: DrawnPlate) -> None:
     )
 
 
-@drawn_law("solver", draw=plates, examples=6, when=_takes_diffusion)
+@law("solver", draw=plates, examples=6, when=_takes_diffusion)
 def finer_is_closer(subject: Subject, recipe: DrawnPlate) -> None:
     """For a smooth solution with a source, halving the cell size divides the error by 2.5 or more."""
     errors = []
