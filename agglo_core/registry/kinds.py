@@ -85,7 +85,7 @@ _RECORDS = (
         "solves a problem with multigrid on a hierarchy",
         ("solve",),
         ("deterministic", "3d", "pickles", "symmetric"),
-        ("general", "solver", "solver_exact", *_ON_LEVELS),
+        ("general", "solver", "known_solutions", *_ON_LEVELS),
     ),
     Kind(
         "format",
@@ -114,7 +114,7 @@ _RECORDS = (
         "turns a problem on a mesh into a linear system, and its solution back into a function",
         ("assemble",),
         ("deterministic", "3d", "pickles", "patch_test"),
-        ("general", "discretisation", "calls", "promises"),
+        ("general", "discretisation", "known_solutions", "calls", "promises"),
         {"accepts": tuple},
     ),
     Kind(

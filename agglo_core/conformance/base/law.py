@@ -15,6 +15,7 @@ from inspect import cleandoc
 from typing import Any, Final
 from zlib import crc32
 
+from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken
 from agglo_core.registry import KINDS
@@ -74,21 +75,23 @@ class Law:
 def law(
     *kinds: str,
     draw: Callable[[Subject], Any] | None = None,
-    fixed: Callable[[Subject], Sequence[Any]] = lambda _: (),
+    fixed: Callable[[Subject], Sequence[Case]] | None = None,
     examples: int = 100,
     promise: str | None = None,
     when: Callable[[Subject], bool] | None = None,
 ) -> Callable[[Callable[..., None]], Law]:
     """Decorator that turns a test function into a law for these kinds of component.
 
+    With ``draw`` or ``fixed`` the test function gets a component and a test case, else the component alone.
+    The message of a failure then begins with the name of the case, unless it begins with "on".
+
     Parameters
     ----------
     *kinds : str
         Kinds of component.
     draw : callable, optional
-        Returns the hypothesis strategy of the test cases for a component, or None if there are none. Without
-        it, the test function gets the component alone.
-    fixed : callable
+        Returns the hypothesis strategy of the test cases for a component, or None if there are none.
+    fixed : callable, optional
         Returns further test cases, which are judged afterwards.
     examples : int
         Number of drawn cases.
@@ -99,15 +102,16 @@ def law(
     def decorate(holds: Callable[..., None]) -> Law:
         @wraps(holds)
         def judge(subject: Subject) -> None:
-            assert draw is not None
-            _require_of_drawn(holds, subject, draw(subject), min(examples, subject.draws))
-            for case in fixed(subject):
+            strategy = draw(subject) if draw else None
+            if strategy is not None:
+                _require_of_drawn(holds, subject, strategy, min(examples, subject.draws))
+            for case in fixed(subject) if fixed else ():
                 try:
                     holds(subject, case)
                 except Broken as error:
-                    raise _with_code(error, case) from error.__cause__
+                    raise _on_case(error, case) from error.__cause__
 
-        return Law(kinds, promise, when, holds if draw is None else judge)
+        return Law(kinds, promise, when, judge if draw or fixed else holds)
 
     return decorate
 
@@ -116,11 +120,11 @@ def _require_of_drawn(holds: Callable[..., None], subject: Subject, strategy: An
     """Require a property of drawn test cases, and raise Broken for the smallest case found that breaks it."""
     from hypothesis.errors import Flaky
 
-    smallest: list[tuple[Any, Broken]] = []
+    smallest: list[tuple[Case, Broken]] = []
     deadline: list[float] = []
 
     # After the time for shrinking all further candidates pass.
-    def once(case: Any) -> None:
+    def once(case: Case) -> None:
         if deadline and time.process_time() > deadline[0]:
             return
         try:
@@ -130,7 +134,7 @@ def _require_of_drawn(holds: Callable[..., None], subject: Subject, strategy: An
             smallest[:] = [(case, error)]
             raise
 
-    for batch in range(-(-examples // _BATCH) if strategy is not None else 0):
+    for batch in range(-(-examples // _BATCH)):
         seed = crc32(f"{holds.__name__} {batch}".encode())  # other cases for each law and batch
         try:
             _search(once, strategy, seed, min(_BATCH, examples))
@@ -140,7 +144,7 @@ def _require_of_drawn(holds: Callable[..., None], subject: Subject, strategy: An
             break
     if smallest:
         case, error = smallest[0]
-        raise _with_code(error, case) from error.__cause__
+        raise _on_case(error, case) from error.__cause__
 
 
 def examples_of(strategy: Any, number: int) -> list[Any]:
@@ -168,8 +172,13 @@ def _search(function: Callable[[Any], None], strategy: Any, seed_number: int, ex
     seeded(configure(given(strategy)(lambda value: function(value))))()  # type: ignore[no-untyped-call]
 
 
-def _with_code(error: Broken, case: Any) -> Broken:
-    """Return the failure with the code that makes its case, and the import of the recipes in it."""
+def _on_case(error: Broken, case: Case) -> Broken:
+    """Return a failure with the name of its case, and with the code that makes the case."""
     names = sorted(set(re.findall(r"\b(?:Drawn\w+|drawn_labels)(?=\()", case.code)))
     imports = f"from agglo_core.conformance import {', '.join(names)}\n" if names else ""
-    return Broken(str(error), error.cause, imports + case.code)
+    message = str(error)
+    return Broken(
+        message if message.startswith("on ") else f"on {case.title}: {message}",
+        error.cause,
+        imports + case.code,
+    )

@@ -80,7 +80,7 @@ def linear_cases(subject: Subject) -> Any:
 
 
 @composite
-def plates(draw: Draw, subject: Subject) -> DrawnPlate:
+def plates(draw: Draw, subject: Subject) -> Case:
     """Draw a diffusion problem with a known solution, also in 3-D if the solver promises 3-D."""
     solid = subject.promised("3d") and draw(one_of_values((False, True)))
     recipe = DrawnMesh(
@@ -101,4 +101,4 @@ def plates(draw: Draw, subject: Subject) -> DrawnPlate:
         fluxes=draw(one_of_values((0, 1, 2, 3))),
         merged=draw(one_of_values((False, True))),
         tag=draw(one_of_values(("boundary", "edge"))),
-    )
+    ).case

@@ -16,15 +16,14 @@ from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs.questions import answer, questions
 from agglo_core.errors import AggloError
 from agglo_core.hierarchy import Hierarchy
-from agglo_core.problems import Problem, Solution
+from agglo_core.mesh import Mesh
+from agglo_core.problems import Diffusion, Problem, Solution, System
 
 
 def solve(subject: Subject, case: Case, tool: Any = None) -> Solution:
     """Solve the problem of a test case with a newly built solver, or with ``tool`` if given."""
     solution = answer(subject, subject.make(**case.options) if tool is None else tool, case)
-    require(
-        isinstance(solution, Solution), f"on {case.name}: it returned {solution!r:.60}, expected a Solution"
-    )
+    require(isinstance(solution, Solution), f"it returned {solution!r:.60}, expected a Solution")
     return solution  # type: ignore[no-any-return]
 
 
@@ -40,6 +39,23 @@ def solve_unless_refused(subject: Subject, case: Case) -> Solution | None:
         if isinstance(error.__cause__, AggloError):
             return None
         raise
+
+
+def assemble(tool: Any, problem: Diffusion, mesh: Mesh) -> System | None:
+    """Return the system of a problem, or None if the discretisation refuses the problem."""
+    try:
+        return tool.assemble(problem, mesh)  # type: ignore[no-any-return]
+    except AggloError:
+        return None
+
+
+def solve_assembled(tool: Any, problem: Diffusion, mesh: Mesh) -> Float | None:
+    """Return the solution ``(n_cells,)`` at the centroids, or None for a refused problem."""
+    system = assemble(tool, problem, mesh)
+    if system is None:
+        return None
+    x = np.atleast_1d(spsolve(sparse.csc_array(system.A), system.b))
+    return np.asarray(tool.evaluate(mesh, x, mesh.cell_centroids))
 
 
 def takes(subject: Subject, kind: type[Problem]) -> bool:

@@ -152,9 +152,13 @@ class DrawnPlate(Recipe):
     tag: str = "boundary"
 
     @property
-    def code(self) -> str:
-        """Line of Python that makes problem, hierarchy and exact solution."""
-        return f"problem, hierarchy, exact = {self!r}.posed"
+    def case(self) -> Case:
+        """The test case, whose argument is this recipe."""
+        return Case(
+            f"a plate of {self.drawn.cells} {self.drawn.family}",
+            (self,),
+            f"problem, hierarchy, exact = {self!r}.posed",
+        )
 
     @property
     def posed(self) -> tuple[Diffusion, Hierarchy, Callable[[Float], Float]]:

@@ -45,15 +45,15 @@ def side_array(subject: Subject, case: Case) -> None:
     sides = as_array(result)
     require(
         sides.shape == (case.size,) and sides.dtype.kind in "iubf",
-        f"on {case.name}: it returned {in_words(result)}, expected an array of shape ({case.size},) of "
-        "integers, booleans or floats: one side for each cell",
+        f"it returned {in_words(result)}, expected an array of shape ({case.size},) of integers, booleans "
+        "or floats: one side for each cell",
         FORM,
     )
     low, high = sides.min(), sides.max()
     remedy = "subtract the smallest label"
     if sides.dtype.kind == "f":
         remedy = "floats are probabilities of side 1: map scores to 0..1, or return scores > 0"
-    require(low >= 0 and high <= 1, f"on {case.name}: sides are {low}..{high}, expected 0..1: {remedy}")
+    require(low >= 0 and high <= 1, f"sides are {low}..{high}, expected 0..1: {remedy}")
 
 
 @law(
@@ -68,9 +68,9 @@ def two_sides(subject: Subject, case: Case) -> None:
     bad = one_sided(graph, plain(subject, subject.build(), case))
     require(
         not len(bad),
-        f"on {case.name}: all cells of a piece of {graph.sizes[bad].max(initial=0)} cells are on one side: "
-        "split at the median where your rule finds no cut, and return any halving of indistinguishable "
-        "cells, or declare fallback='inertial' (Component) for a model that may fail",
+        f"all cells of a piece of {graph.sizes[bad].max(initial=0)} cells are on one side: split at the "
+        "median where your rule finds no cut, and return any halving of indistinguishable cells, or "
+        "declare fallback='inertial' (Component) for a model that may fail",
     )
 
 
@@ -79,7 +79,7 @@ def connected(subject: Subject, case: Case) -> None:
     """Both sides of a connected graph are connected."""
     sides = plain(subject, subject.build(), case).astype(np.int64)
     pieces = max(loose_parts(case.given[0], sides).values())
-    require(pieces == 1, f"on {case.name}: a side is in {pieces} pieces: drop the promise connected")
+    require(pieces == 1, f"a side is in {pieces} pieces: drop the promise connected")
 
 
 @law("bisector", draw=graph_cases, fixed=large_graphs, promise="balanced")
@@ -93,8 +93,8 @@ def balanced(subject: Subject, case: Case) -> None:
         deviation = abs(weights[block_sides == 1].sum() - 0.5 * total)
         require(
             deviation <= allowed * total + weights.max() + 1e-9 * total,
-            f"on {case.name}: the weight of a side differs from half of {total:.3g} by {deviation:.3g}, "
-            f"promised is a share of {allowed:g} plus one cell: promise a wider tolerance",
+            f"the weight of a side differs from half of {total:.3g} by {deviation:.3g}, promised is a share "
+            f"of {allowed:g} plus one cell: promise a wider tolerance",
         )
 
 
@@ -153,6 +153,5 @@ def kway_parts(subject: Subject, case: Case) -> None:
         n_nonempty = len(np.unique(plain(subject, subject.build(), kway_case(case, parts))))
         require(
             2 * n_nonempty >= parts and n_nonempty > 1,
-            f"on {case.name}: {n_nonempty} parts are nonempty of {parts}: target.parts is the number "
-            "requested",
+            f"{n_nonempty} parts are nonempty of {parts}: target.parts is the number requested",
         )

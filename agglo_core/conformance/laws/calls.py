@@ -262,8 +262,7 @@ def a_level_is_its_blocks(subject: Subject, case: Case) -> None:
         alone = plain(subject, subject.build(), _move_other_points(part_of_level(case, [block])))
         require(
             same(alone, together[block]),
-            f"on {case.name}: a block of {len(alone)} cells has a different result alone than in the level: "
-            f"{remedy}",
+            f"a block of {len(alone)} cells has a different result alone than in the level: {remedy}",
         )
     # Some of the blocks in another order.
     order = np.random.default_rng(3).permutation(graph.n_blocks)[:20]
@@ -271,8 +270,7 @@ def a_level_is_its_blocks(subject: Subject, case: Case) -> None:
     for block, part in zip(order, chunks(shuffled.given[0], plain(subject, tool, shuffled)), strict=True):
         require(
             same(part, together[block]),
-            f"on {case.name}: a block of {len(part)} cells has a different result in another order of "
-            f"blocks: {remedy}",
+            f"a block of {len(part)} cells has a different result in another order of blocks: {remedy}",
         )
 
 

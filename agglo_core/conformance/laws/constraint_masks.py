@@ -35,16 +35,15 @@ def masks(subject: Subject, case: Case) -> None:
     for method, mask in answers.items():
         require(
             mask.shape == (lengths[method],) and (mask.dtype == bool or not mask.size),
-            f"on {case.name}: {method} returned {in_words(mask)}, expected booleans of shape "
-            f"({lengths[method]},)",
+            f"{method} returned {in_words(mask)}, expected booleans of shape ({lengths[method]},)",
         )
     if "forbidden" in answers:
         pairs = _pairs(mesh.graph, answers["forbidden"])
         one_way = np.flatnonzero(pairs != pairs.T)
         require(
             not len(one_way),
-            f"on {case.name}: {len(one_way) // 2} edges are forbidden in one direction only: the graph "
-            "stores each edge twice; treat both cells of an entry alike",
+            f"{len(one_way) // 2} edges are forbidden in one direction only: the graph stores each edge "
+            "twice; treat both cells of an entry alike",
         )
 
 
@@ -97,8 +96,8 @@ def large_tags(subject: Subject, case: Case) -> None:
         by_value = not np.array_equal(small[method], shifted[method])
         require(
             by_value or all(np.array_equal(small[method], masks.get(method, ())) for masks in large),
-            f"on {case.name}: {method} answers differently where the tags 1, 2, … are 256, 512, … or "
-            "2,100,001, …: compare tags as integers of 64 bits",
+            f"{method} answers differently where the tags 1, 2, … are 256, 512, … or 2,100,001, …: compare "
+            "tags as integers of 64 bits",
         )
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from agglo_core.arrays import Float
+from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
@@ -32,21 +33,20 @@ def _meshes(subject: Subject) -> list[Mesh]:
     return plane + ([small_meshes.boxes(3, 3, 3)] if subject.promised("3d") else [])
 
 
-@law("estimator")
-def one_per_cell(subject: Subject) -> None:
+@law("estimator", fixed=questions)
+def one_per_cell(subject: Subject, case: Case) -> None:
     """``indicate`` returns a finite number for each cell, not negative, and some of them are positive."""
-    for case in questions(subject):
-        values, cells = as_array(answer(subject, subject.build(), case)), case.given[0].mesh.n_cells
-        require(
-            values.shape == (cells,) and values.dtype.kind == "f",
-            f"on {case.name}: indicate returned {in_words(values)}, expected {cells} numbers",
-        )
-        require(
-            bool(np.isfinite(values).all() and values.min() >= 0.0),
-            f"on {case.name}: the indicators lie in {values.min()}..{values.max()}, expected finite numbers "
-            "that are not negative: take the root of each sum of squares",
-        )
-        require(cells == 1 or values.max() > 0.0, f"on {case.name}: all indicators are 0, the error is not")
+    values, cells = as_array(answer(subject, subject.build(), case)), case.given[0].mesh.n_cells
+    require(
+        values.shape == (cells,) and values.dtype.kind == "f",
+        f"indicate returned {in_words(values)}, expected {cells} numbers",
+    )
+    require(
+        bool(np.isfinite(values).all() and values.min() >= 0.0),
+        f"the indicators lie in {values.min()}..{values.max()}, expected finite numbers that are not "
+        "negative: take the root of each sum of squares",
+    )
+    require(cells == 1 or values.max() > 0.0, "all indicators are 0, the error is not")
 
 
 @law("estimator", when=_takes_diffusion)

@@ -67,13 +67,12 @@ def read_back(subject: Subject, case: Case) -> None:
         if isinstance(error.__cause__, AggloError):  # it refuses this mesh
             return
         raise
-    require(isinstance(back, Mesh), f"on {case.name}: read returned {in_words(back)}, expected a Mesh")
+    require(isinstance(back, Mesh), f"read returned {in_words(back)}, expected a Mesh")
     differs = _difference(mesh, back)
     require(
         not differs,
-        f"on {case.name}: {differs} after writing and reading: write numbers with 17 digits (repr), "
-        "keep the order of the cells and the names of tags, and refuse with an AggloError what the "
-        "format cannot hold",
+        f"{differs} after writing and reading: write numbers with 17 digits (repr), keep the order of the "
+        "cells and the names of tags, and refuse with an AggloError what the format cannot hold",
     )
     if mesh.cell_tags or mesh.face_tags:
         untagged = replace(mesh, cell_tags={}, face_tags={})
@@ -81,15 +80,15 @@ def read_back(subject: Subject, case: Case) -> None:
         stale = sorted((mesh.cell_tags.keys() & later.cell_tags) | (mesh.face_tags.keys() & later.face_tags))
         require(
             not stale,
-            f"on {case.name}: a file without tags, read later, has the tag {stale[:1]} of this mesh: keep "
-            "nothing of a file in self, in the module or in a default argument",
+            f"a file without tags, read later, has the tag {stale[:1]} of this mesh: keep nothing of a file "
+            "in self, in the module or in a default argument",
         )
     if getattr(tool, "lossless", False):
         changed = [name for name in _EXACT if not np.array_equal(getattr(mesh, name), getattr(back, name))]
         for tags in ("cell_tags", "face_tags"):
             if not same(digest(getattr(mesh, tags)), digest(getattr(back, tags))):
                 changed.append(tags)
-        require(not changed, f"on {case.name}: {', '.join(changed)} came back changed: set lossless = False")
+        require(not changed, f"{', '.join(changed)} came back changed: set lossless = False")
 
 
 @law("format", draw=_drawn, fixed=questions, examples=20, when=_writes)
@@ -116,7 +115,7 @@ def _require_kept(subject: Subject, case: Case, hierarchy: Hierarchy) -> None:
             result = tool.read_hierarchy(path)
             require(
                 isinstance(result, tuple) and len(result) == 2,
-                f"on {case.name}: read_hierarchy returned {in_words(result)}, expected (mesh, hierarchy)",
+                f"read_hierarchy returned {in_words(result)}, expected (mesh, hierarchy)",
             )
             read = [] if result[1] is None else list(result[1].levels)
         else:
@@ -124,8 +123,8 @@ def _require_kept(subject: Subject, case: Case, hierarchy: Hierarchy) -> None:
             read = [tags[f"level_{level}"] for level in range(2) if f"level_{level}" in tags]
     require(
         len(read) == 2 and all(map(np.array_equal, read, hierarchy.levels)),
-        f"on {case.name}: {len(read)} levels with other labels were read back, 2 were written: keep the "
-        "order of the levels, finest first, or refuse a hierarchy with a FileError",
+        f"{len(read)} levels with other labels were read back, 2 were written: keep the order of the "
+        "levels, finest first, or refuse a hierarchy with a FileError",
     )
 
 
@@ -150,28 +149,24 @@ def _cuts(size: int, thorough: bool) -> list[int]:
     return sorted({*range(1, size, size // 20 + 1), *near[:: 1 if thorough else 25], *near[-20:]})
 
 
-@law("format", when=_writes)
-def files_left_alone(subject: Subject) -> None:
+@law("format", fixed=questions, when=_writes)
+def files_left_alone(subject: Subject, case: Case) -> None:
     """Reading changes no file, and writing creates only files with the given stem and the ``folders``."""
     tool = subject.build()
-    for case in questions(subject):
-        with _folder(case) as folder:
-            path = folder / f"mesh{case.given[1]}"
-            (folder / "other.txt").write_text("not yours")
-            tool.write(path, case.given[0])
-            new = {file.name for file in folder.iterdir() if not file.name.startswith("mesh")}
-            new -= {"other.txt", *getattr(tool, "folders", ())}
-            require(
-                path.is_file() and not new and (folder / "other.txt").read_text() == "not yours",
-                f"on {case.name}: next to {path.name} there is now {', '.join(new)}: write the given "
-                "file, and other files only under names that begin with its stem",
-            )
-            before = _contents(folder)
-            tool.read(path)
-            require(
-                before == _contents(folder),
-                f"on {case.name}: reading changed the folder: open files with 'r' alone",
-            )
+    with _folder(case) as folder:
+        path = folder / f"mesh{case.given[1]}"
+        (folder / "other.txt").write_text("not yours")
+        tool.write(path, case.given[0])
+        new = {file.name for file in folder.iterdir() if not file.name.startswith("mesh")}
+        new -= {"other.txt", *getattr(tool, "folders", ())}
+        require(
+            path.is_file() and not new and (folder / "other.txt").read_text() == "not yours",
+            f"next to {path.name} there is now {', '.join(new)}: write the given file, and other files only "
+            "under names that begin with its stem",
+        )
+        before = _contents(folder)
+        tool.read(path)
+        require(before == _contents(folder), "reading changed the folder: open files with 'r' alone")
 
 
 def _contents(folder: Path) -> dict[Path, tuple[bytes, int]]:

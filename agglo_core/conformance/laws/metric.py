@@ -75,8 +75,8 @@ def value_array(subject: Subject, case: Case) -> None:
     values = as_array(result)
     require(
         values.shape == (case.size,) and values.dtype.kind in "biuf",
-        f"on {case.name}: it returned {in_words(result)}, expected an array of shape ({case.size},) of "
-        "numbers, one for each of the labels 0..k-1: not one per cell, not a mean",
+        f"it returned {in_words(result)}, expected an array of shape ({case.size},) of numbers, one for "
+        "each of the labels 0..k-1: not one per cell, not a mean",
         FORM,
     )
 
@@ -96,9 +96,9 @@ def within_bounds(subject: Subject, case: Case) -> None:
     bad = np.flatnonzero(~np.isfinite(values) & ~missing)
     require(
         not len(bad),
-        f"on {case.name}: agglomerate {bad[:1]} got {values[bad[:1]]}: define the value for a zero "
-        "denominator, a hole (there are several loops, see mesh.coarsen(labels).boundary_loops) or loose "
-        "pieces, or return NaN and set undefined = True",
+        f"agglomerate {bad[:1]} got {values[bad[:1]]}: define the value for a zero denominator, a hole "
+        "(there are several loops, see mesh.coarsen(labels).boundary_loops) or loose pieces, or return NaN "
+        "and set undefined = True",
     )
     low, high = tool.bounds
     limits = [abs(bound) for bound in (low, high) if 0.0 < abs(bound) < inf]
@@ -106,8 +106,8 @@ def within_bounds(subject: Subject, case: Case) -> None:
     outside = values[(values < low - slack) | (values > high + slack)]
     require(
         not len(outside),
-        f"on {case.name}: {outside[:1]} lies outside the declared bounds {low}..{high}: clip rounding with "
-        "np.clip, or declare wider bounds",
+        f"{outside[:1]} lies outside the declared bounds {low}..{high}: clip rounding with np.clip, or "
+        "declare wider bounds",
     )
 
 
@@ -288,8 +288,7 @@ def changes_add_up(subject: Subject, case: Case) -> None:
         changes = np.asarray(tool.changes(graph, current, cells, parts))
         require(
             changes.shape == cells.shape,
-            f"on {case.name}: changes returned {in_words(changes)} for {len(cells)} moves, expected one "
-            "value per move",
+            f"changes returned {in_words(changes)} for {len(cells)} moves, expected one value per move",
         )
         before = _sum_of_values(subject, tool, mesh, current)
         moves = zip(cells, parts, strict=True)
@@ -298,7 +297,7 @@ def changes_add_up(subject: Subject, case: Case) -> None:
         wrong = np.flatnonzero(np.abs(changes - sums + before) > slack)
         require(
             not len(wrong),
-            f"on {case.title}: changes returned {changes[wrong[:1]]}, the sum of measure changes by "
+            f"changes returned {changes[wrong[:1]]}, the sum of measure changes by "
             f"{sums[wrong[:1]] - before}: return the sum of all values after the move minus the sum before, "
             "for the labels that the array holds now",
         )

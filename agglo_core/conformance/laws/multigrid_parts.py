@@ -38,13 +38,13 @@ def prolongation_fits(subject: Subject, case: Case) -> None:
         fits = bool(fits and (np.diff(offsets) >= 0).all())
     require(
         fits,
-        f"on {case.name}: its {m} columns cannot be divided evenly among {parts} parts: return "
-        "CoarseSpace(P, block_offsets), whose offsets increase from 0 to the number of columns",
+        f"its {m} columns cannot be divided evenly among {parts} parts: return CoarseSpace(P, "
+        "block_offsets), whose offsets increase from 0 to the number of columns",
     )
     _require_grouped(subject, case, parts)
     size = sparse.linalg.norm(P, axis=0)
     rank = np.linalg.matrix_rank(P.toarray() / np.where(size > 0.0, size, 1.0), tol=1e-8)
-    require(rank == m, f"on {case.name}: {m} columns have rank {rank}: the coarse matrix would be singular")
+    require(rank == m, f"{m} columns have rank {rank}: the coarse matrix would be singular")
 
 
 def _require_grouped(subject: Subject, case: Case, parts: int) -> None:
@@ -85,24 +85,22 @@ def near_null_kept(subject: Subject, case: Case) -> None:
     share = _largest(_outside(P, constants), constants)
     require(
         share <= 0.2,
-        f"on {case.name}: {share:.2f} of a near-null vector lies outside the range of P: smoothers "
-        "hardly reduce such errors, so the coarse level must; build P from step.near_null or "
-        "step.injected",
+        f"{share:.2f} of a near-null vector lies outside the range of P: smoothers hardly reduce such "
+        "errors, so the coarse level must; build P from step.near_null or step.injected",
     )
     if space.near_null is None:
         return
     coarse = as_array(space.near_null)
     require(
         coarse.ndim == 2 and len(coarse) == P.shape[1] and coarse.dtype.kind in "fiu",
-        f"on {case.name}: coarse near-null vectors are {in_words(space.near_null)}, expected numbers, "
-        f"{P.shape[1]} in each",
+        f"coarse near-null vectors are {in_words(space.near_null)}, expected numbers, {P.shape[1]} in each",
     )
     inside = B - _outside(P, B)
     share = _largest(_outside(P @ coarse, inside), B)
     require(
         share <= 0.5,  # a smoothed P changes them, above all on few cells
-        f"on {case.name}: {share:.2f} of a near-null vector is no combination of P times the coarse ones: "
-        "the coarse ones are the coefficients of the given ones in the columns of P",
+        f"{share:.2f} of a near-null vector is no combination of P times the coarse ones: the coarse ones "
+        "are the coefficients of the given ones in the columns of P",
     )
 
 
@@ -140,8 +138,8 @@ def _matrix(case: Case, given: Any, shape: tuple[int, int | None]) -> Any:
     numbers = sparse.issparse(given) and given.dtype.kind in "fiu" and given.shape[0] == rows
     require(
         numbers and columns in (None, given.shape[1]) and np.isfinite(given.sum()),
-        f"on {case.name}: it returned {in_words(given)}, expected a sparse matrix ({rows}, {columns or 'm'}) "
-        "of finite floats",
+        f"it returned {in_words(given)}, expected a sparse matrix ({rows}, {columns or 'm'}) of finite "
+        "floats",
     )
     return sparse.csr_array(given, dtype=float)
 
@@ -151,7 +149,7 @@ def coarse_matrix_fits(subject: Subject, case: Case) -> None:
     """``coarse_matrix(step, P)`` is sparse, real and symmetric, with a row for each column of P."""
     C = _coarse_matrix(subject, case).toarray()
     gap = float(np.abs(C - C.T).max() / np.abs(C).max())
-    require(gap <= 1e-9, f"on {case.name}: C and its transpose differ by {gap:.1e}: restrict by Pᵀ")
+    require(gap <= 1e-9, f"C and its transpose differ by {gap:.1e}: restrict by Pᵀ")
 
 
 @law("coarse_operator", draw=coarsening_cases, examples=_EXAMPLES)
@@ -163,8 +161,8 @@ def coarse_energy_kept(subject: Subject, case: Case) -> None:
     ratios = eigh(0.5 * (C + C.T), galerkin, eigvals_only=True)
     require(
         ratios[0] >= 0.1 and ratios[-1] <= 10.0,  # a penalty may change with the size of the cells
-        f"on {case.name}: the energies of C and Pᵀ A P have ratios from {ratios[0]:.2g} to {ratios[-1]:.2g}: "
-        "keep the couplings between the parts, which determine the energy of smooth functions",
+        f"the energies of C and Pᵀ A P have ratios from {ratios[0]:.2g} to {ratios[-1]:.2g}: keep the "
+        "couplings between the parts, which determine the energy of smooth functions",
     )
 
 
@@ -182,7 +180,7 @@ def coarse_error_reduced(subject: Subject, case: Case) -> None:
     x = as_array(result)
     require(
         x.shape == b.shape and x.dtype.kind == "f",
-        f"on {case.name}: solve(b) returned {in_words(result)}, expected floats of shape {b.shape}",
+        f"solve(b) returned {in_words(result)}, expected floats of shape {b.shape}",
         FORM,
     )
     exact = np.atleast_1d(spsolve(sparse.csc_array(A), b))
@@ -190,8 +188,8 @@ def coarse_error_reduced(subject: Subject, case: Case) -> None:
     relative_error = float(np.sqrt((error @ (A @ error)) / (exact @ (A @ exact))))
     require(
         relative_error <= 0.1,
-        f"on {case.name}: {relative_error:.2f} of the error is left in the energy norm: there is no "
-        "coarser level to reduce it; solve exactly, or iterate more",
+        f"{relative_error:.2f} of the error is left in the energy norm: there is no coarser level to reduce "
+        "it; solve exactly, or iterate more",
     )
 
 
@@ -200,7 +198,6 @@ def coarse_solver_symmetric(subject: Subject, case: Case) -> None:
     """The solution is a linear and symmetric function of b."""
     A = case.given[0]
     require_linear_and_symmetric(
-        case.name,
         A.shape[0],
         lambda b: plain(subject, subject.build(), Case(case.name, (A, frozen_float(b)))),
         "iterations that stop by a tolerance are not linear; drop the promise symmetric",
@@ -209,7 +206,6 @@ def coarse_solver_symmetric(subject: Subject, case: Case) -> None:
 
 
 def require_linear_and_symmetric(
-    name: str,
     n: int,
     apply: Callable[[Float], Float],
     remedy: str,
@@ -229,8 +225,7 @@ def require_linear_and_symmetric(
     nonlinearity = np.abs(combined - 2 * Su + 3 * Sv).max() / sum(np.abs(w).max() for w in sizes)
     require(
         nonlinearity <= rounding,
-        f"on {name}: S (2 u − 3 v) and 2 S u − 3 S v differ by {nonlinearity:.1e}, so S is not linear: "
-        f"{remedy}",
+        f"S (2 u − 3 v) and 2 S u − 3 S v differ by {nonlinearity:.1e}, so S is not linear: {remedy}",
     )
     Tv = Sv if adjoint is None else adjoint(v)
     A = sparse.eye_array(n) if energy is None else energy
@@ -240,6 +235,6 @@ def require_linear_and_symmetric(
     gap = abs(Su @ (A @ v) - u @ (A @ Tv)) / size
     require(
         gap <= rounding,
-        f"on {name}: ⟨S u, v⟩ and ⟨u, Sᵀ v⟩ differ by {gap:.1e}: sweep forwards and then backwards, and "
+        f"⟨S u, v⟩ and ⟨u, Sᵀ v⟩ differ by {gap:.1e}: sweep forwards and then backwards, and "
         "after a correction in reverse order",
     )

@@ -49,8 +49,8 @@ def label_array(subject: Subject, case: Case) -> None:
     result = as_array(returned)
     require(
         result.shape == (graph.n,) and result.dtype.kind in "iub",
-        f"on {case.name}: it returned {in_words(returned)}, expected an array of integers of shape "
-        f"({graph.n},): one label for each cell",
+        f"it returned {in_words(returned)}, expected an array of integers of shape ({graph.n},): one label "
+        "for each cell",
         FORM,
     )
     for b, (before, after) in enumerate(zip(chunks(graph, labels), chunks(graph, result), strict=True)):
@@ -122,8 +122,8 @@ def objective_kept(subject: Subject, case: Case) -> None:
     worst = np.argmax(after - before - 1e-9 * np.abs(before))
     require(
         after[worst] <= before[worst] + 1e-9 * abs(before[worst]),
-        f"on {case.name}: {name} went from {before[worst]:.6g} to {after[worst]:.6g}: return the given "
-        "labels where no improvement was found",
+        f"{name} went from {before[worst]:.6g} to {after[worst]:.6g}: return the given labels where no "
+        "improvement was found",
     )
 
 
@@ -161,8 +161,8 @@ def connected_left_alone(subject: Subject, case: Case) -> None:
     changed = np.flatnonzero((plain(subject, subject.build(), case) != labels) & ~broken)
     require(
         not len(changed),
-        f"on {case.name}: {len(changed)} cells changed part in blocks whose parts were all connected: "
-        "leave such blocks unchanged",
+        f"{len(changed)} cells changed part in blocks whose parts were all connected: leave such blocks "
+        "unchanged",
     )
 
 
@@ -182,6 +182,6 @@ def moves_tested(subject: Subject, case: Case) -> None:
     limit = max(target.h_star, float(before.max())) * (1.0 + 1e-9)
     require(
         after.max() <= limit,
-        f"on {case.name}: a part of diameter {after.max():.6g} was made, at most {limit:.6g} are allowed: "
-        "refuse such moves, or leave out tests_moves",
+        f"a part of diameter {after.max():.6g} was made, at most {limit:.6g} are allowed: refuse such "
+        "moves, or leave out tests_moves",
     )

@@ -44,7 +44,7 @@ def example_given(subject: Subject, case: Case) -> None:
     example = answer(subject, tool, case)
     require(
         isinstance(example, _class_of(tool)),
-        f"on {case.name}: example returned {in_words(example)}, expected a {_class_of(tool).__name__}",
+        f"example returned {in_words(example)}, expected a {_class_of(tool).__name__}",
     )
     for name in _fields_of(example) or ["no_such_attribute"]:
         try:

@@ -42,14 +42,14 @@ def titled(subject: Subject) -> None:
 def static_html(subject: Subject, case: Case) -> None:
     """``html`` returns text without scripts, event handlers or external resources, and escapes names."""
     html = answer(subject, subject.build(), case)
-    require(isinstance(html, str), f"{case.name}: html returned {in_words(html)}, expected a string")
+    require(isinstance(html, str), f"html returned {in_words(html)}, expected a string")
     mesh, runs = case.given
     texts = [mesh.name, *mesh.cell_tags, *(text for run in runs for text in (run.name, run.error))]
     raw = [text for text in texts if "<" in text and text in html]
-    require(not raw, f"{case.name}: html contains {raw} unescaped, tags included: use html.escape(name)")
+    require(not raw, f"html contains {raw} unescaped, tags included: use html.escape(name)")
     active = _ActiveTags(html).found
     require(
         not active,
-        f"{case.name}: html contains {active[:1]!r:.60}: a report is one static file; draw with "
+        f"html contains {active[:1]!r:.60}: a report is one static file; draw with "
         "SVG and style attributes, and escape names in attributes",
     )

@@ -32,8 +32,8 @@ def smoothed_array(subject: Subject, case: Case) -> None:
     x = as_array(result)
     require(
         x.shape == (case.size,) and x.dtype.kind == "f",
-        f"on {case.name}: smooth(b, x) returned {in_words(result)}, expected floats of shape "
-        f"({case.size},): return all of the new x, not a correction or matrix",
+        f"smooth(b, x) returned {in_words(result)}, expected floats of shape ({case.size},): return all of "
+        "the new x, not a correction or matrix",
         FORM,
     )
 
@@ -46,8 +46,8 @@ def solution_kept(subject: Subject, case: Case) -> None:
         moved = np.abs(_smoothed(subject, case, level.A @ exact, exact) - exact).max()
         require(
             moved <= 1e-10 * np.abs(exact).max(),
-            f"on {case.name}: it moved the exact solution by {moved:.1e}: add a correction computed from "
-            "the residual b − A x alone, with the matrix level.A",
+            f"it moved the exact solution by {moved:.1e}: add a correction computed from the residual b − A "
+            "x alone, with the matrix level.A",
         )
 
 
@@ -65,9 +65,9 @@ def error_reduced(subject: Subject, case: Case) -> None:
     left = [_share_left(subject, replace(case, given=(replace(level, steps=k), b, x)), x) for k in steps]
     require(
         all(after < (1 - 1e-6) * before or after < _GONE for before, after in pairwise([1.0, *left])),
-        f"on {case.name}: {list(steps)} steps leave {', '.join(f'{share:.4f}' for share in left)} of the "
-        "error in the energy norm: damp it, for instance by 4 / (3 λ), λ being the largest eigenvalue of "
-        "the preconditioned matrix, and apply it level.steps times; a step length has the unit of 1 / A",
+        f"{list(steps)} steps leave {', '.join(f'{share:.4f}' for share in left)} of the error in the "
+        "energy norm: damp it, for instance by 4 / (3 λ), λ being the largest eigenvalue of the "
+        "preconditioned matrix, and apply it level.steps times; a step length has the unit of 1 / A",
     )
 
 
@@ -87,8 +87,8 @@ def rough_error_damped(subject: Subject, case: Case) -> None:
     )
     require(
         rough <= max(0.9 * smooth, 0.05),
-        f"on {case.name}: {rough:.3f} is left of a rough error, {smooth:.3f} of a smooth one: the "
-        "coarse levels reduce the smooth half, the smoother must reduce the rough half",
+        f"{rough:.3f} is left of a rough error, {smooth:.3f} of a smooth one: the coarse levels reduce the "
+        "smooth half, the smoother must reduce the rough half",
     )
 
 
@@ -97,7 +97,6 @@ def smoother_symmetric(subject: Subject, case: Case) -> None:
     """The remaining error is a linear function of the error, self-adjoint in the energy inner product."""
     A = case.given[0].A
     require_linear_and_symmetric(
-        case.name,
         A.shape[0],
         lambda error: _smoothed(subject, case, 0.0 * error, error),
         "step lengths that depend on x, as in conjugate gradients, are nonlinear",
@@ -132,18 +131,15 @@ def both_sides(subject: Subject, case: Case) -> None:
     for name, array in (("x", x), ("residual", r), ("x", _after(subject, case, b, np.array(case.given[2])))):
         require(
             array.shape == b.shape and array.dtype.kind == "f",
-            f"on {case.name}: {name} is {in_words(array)}, expected floats of shape {b.shape}: before(b) "
-            "returns the pair (x, b − A x), after(b, x) the new x",
+            f"{name} is {in_words(array)}, expected floats of shape {b.shape}: before(b) returns the pair "
+            "(x, b − A x), after(b, x) the new x",
         )
     require(
         np.array_equal(b, case.given[1]) and not (np.shares_memory(x, b) or np.shares_memory(r, b)),
-        f"on {case.name}: b, which the cycle still needs, was changed or returned by before or after: use a "
-        "copy",
+        "b, which the cycle still needs, was changed or returned by before or after: use a copy",
     )
     gap = np.abs(r - (b - A @ x)).max() / np.abs(b).max()
-    require(
-        gap <= 1e-8, f"on {case.name}: the residual is off by {gap:.1e}: return b − A x for the returned x"
-    )
+    require(gap <= 1e-8, f"the residual is off by {gap:.1e}: return b − A x for the returned x")
 
 
 @law("smoother", draw=smoother_cases, examples=_EXAMPLES, when=_two_sided)
@@ -154,12 +150,8 @@ def after_mirrors_before(subject: Subject, case: Case) -> None:
     # The update depends only on the residual, and linearly.
     moved, alone = _after(subject, case, u, v) - v, _after(subject, case, u - A @ v, 0.0 * v)
     gap = np.abs(moved - alone).max() / np.abs(moved).max()
-    require(
-        gap <= 1e-8,
-        f"on {case.name}: after(b, x) − x and after(b − A x, 0) differ by {gap:.1e}: use only the residual",
-    )
+    require(gap <= 1e-8, f"after(b, x) − x and after(b − A x, 0) differ by {gap:.1e}: use only the residual")
     require_linear_and_symmetric(
-        case.name,
         A.shape[0],
         lambda b: _before(subject, case, b)[0],
         "use only b, and no step length that depends on it",
@@ -170,7 +162,7 @@ def after_mirrors_before(subject: Subject, case: Case) -> None:
 def _before(subject: Subject, case: Case, b: Float) -> tuple[Any, Any]:
     pair = _call_method(subject, case, "before", b)
     if not isinstance(pair, tuple) or len(pair) != 2:
-        raise Broken(f"on {case.name}: before(b) returned {in_words(pair)}, expected the pair (x, b − A x)")
+        raise Broken(f"before(b) returned {in_words(pair)}, expected the pair (x, b − A x)")
     return as_array(pair[0]), as_array(pair[1])
 
 
@@ -185,8 +177,8 @@ def _call_method(subject: Subject, case: Case, method: str, *arguments: Float) -
         if callable(side):
             return side(*arguments)
     except PLUGIN_FAILURES as error:
-        raise Broken(f"on {case.name}: {method} raised {error!r:.200}") from error
-    raise Broken(f"on {case.name}: there is no {method}: define both before and after, or only smooth(b, x)")
+        raise Broken(f"{method} raised {error!r:.200}") from error
+    raise Broken(f"there is no {method}: define both before and after, or only smooth(b, x)")
 
 
 @law("smoother")

@@ -76,32 +76,32 @@ def solution_record(subject: Subject, case: Case) -> None:
     n = len(it.x)
     require(
         np.shape(it.A) == (n, n) and np.shape(it.b) == (n,),
-        f"on {case.name}: x has {n} entries, A the shape {np.shape(it.A)}, b {np.shape(it.b)}",
+        f"x has {n} entries, A the shape {np.shape(it.A)}, b {np.shape(it.b)}",
     )
     require(
         isinstance(it.converged, bool | np.bool_) and isinstance(it.reason, str),
-        f"on {case.name}: converged is {it.converged!r} and reason {it.reason!r}: expected bool and str",
+        f"converged is {it.converged!r} and reason {it.reason!r}: expected bool and str",
     )
     require(
         isinstance(it.iterations, numbers.Integral) and len(it.residuals) == it.iterations + 1,
-        f"on {case.name}: {len(it.residuals)} residuals for {it.iterations} iterations: expected the "
-        "initial residual, then one for each iteration",
+        f"{len(it.residuals)} residuals for {it.iterations} iterations: expected the initial residual, then "
+        "one for each iteration",
     )
     require(
         np.isfinite(it.residuals).all() and np.min(it.residuals) >= 0.0,
-        f"on {case.name}: residuals are {np.asarray(it.residuals)[:4]}: norms must be finite and nonnegative",
+        f"residuals are {np.asarray(it.residuals)[:4]}: norms must be finite and nonnegative",
     )
     require(
         all(isinstance(s, numbers.Real) and s >= 0.0 for s in it.seconds.values()),
-        f"on {case.name}: seconds are {it.seconds!r:.60}, expected numbers by name",
+        f"seconds are {it.seconds!r:.60}, expected numbers by name",
     )
     # Operators are pairs (A, P), finest first; P prolongs from the next level.
     for level, ((A, P), (coarse, _)) in enumerate(pairwise(it.operators)):
         shape = np.shape(A)[0], np.shape(coarse)[0]
         require(
             np.shape(A) == (shape[0], shape[0]) and np.shape(P) == shape,
-            f"on {case.name}: level {level} has A of shape {np.shape(A)} and P of shape {np.shape(P)}, "
-            f"expected a square matrix and {shape}",
+            f"level {level} has A of shape {np.shape(A)} and P of shape {np.shape(P)}, expected a square "
+            f"matrix and {shape}",
         )
 
 
@@ -109,12 +109,12 @@ def solution_record(subject: Subject, case: Case) -> None:
 def solves(subject: Subject, case: Case) -> None:
     """Ordinary problems, also on disconnected meshes, converge to the solution of the returned system."""
     it = solve(subject, case)
-    require(it.converged, f"on {case.name}: not converged ({it.reason}) on a tiny problem")
+    require(it.converged, f"not converged ({it.reason}) on a tiny problem")
     error = gap(it.x, direct(it))
     require(
         error <= _CLOSE,
-        f"on {case.name}: x differs from the direct solution of A x = b by {error:.1e}: check the "
-        "preconditioner and the convergence test",
+        f"x differs from the direct solution of A x = b by {error:.1e}: check the preconditioner and the "
+        "convergence test",
     )
 
 
@@ -136,8 +136,8 @@ def given_system_kept(subject: Subject, case: Case) -> None:
         np.shape(it.x) == np.shape(problem.b)
         and gap(it.A @ probe, problem.A @ probe) <= 1e-9
         and gap(it.b, problem.b) <= 1e-9,
-        f"on {case.name}: A and b of the Solution are not those given: use the whole matrix and undo "
-        "scaling, or raise an AggloError if the method cannot solve it",
+        "A and b of the Solution are not those given: use the whole matrix and undo scaling, or raise an "
+        "AggloError if the method cannot solve it",
     )
 
 
@@ -156,15 +156,12 @@ def claims_hold(subject: Subject, case: Case) -> None:
     size, true = (float(np.linalg.norm(v)) for v in (it.b, it.b - it.A @ it.x))
     require(
         not np.isfinite(true) or abs(last - true) <= 1e-8 * size + 0.01 * true,
-        f"on {case.title}: the last residual is {last:.3e}, b − A x has {true:.3e}: recompute it "
-        "from the returned x and the given matrix; the recursively updated residual, the preconditioned "
-        "one and that of the best iterate are different numbers",
+        f"the last residual is {last:.3e}, b − A x has {true:.3e}: recompute it from the returned x and the "
+        "given matrix; the recursively updated residual, the preconditioned one and that of the best "
+        "iterate are different numbers",
     )
     if not it.converged:
-        require(
-            isinstance(it.reason, str) and it.reason,
-            f"on {case.title}: not converged, but the reason is empty",
-        )
+        require(isinstance(it.reason, str) and it.reason, "not converged, but the reason is empty")
         return
     tolerance = next((value for value in case.options.values() if value < 1.0), None)
     if tolerance is not None or isinstance(case.given[0], Linear):
@@ -175,8 +172,8 @@ def claims_hold(subject: Subject, case: Case) -> None:
         what = "x differs from the direct solution of A x = b by"
     require(
         error <= most,
-        f"on {case.title}: it reports convergence, but {what} {error:.1e}: compare b − A x itself with the "
-        "tolerance after the last iteration; a comparison with NaN must not pass",
+        f"it reports convergence, but {what} {error:.1e}: compare b − A x itself with the tolerance after "
+        "the last iteration; a comparison with NaN must not pass",
     )
 
 
@@ -193,14 +190,13 @@ def history_recorded(subject: Subject, case: Case) -> None:
         return
     require(
         1 not in case.options.values() or other.converged or other.iterations == 1 or not np.any(other.x),
-        f"on {case.title}: it reports {other.iterations} iterations: the initial residual does not "
-        "count as an iteration",
+        f"it reports {other.iterations} iterations: the initial residual does not count as an iteration",
     )
     common = min(len(usual.residuals) - 1, len(other.residuals) - 1, 2)  # without the last one
     require(
         np.allclose(usual.residuals[:common], other.residuals[:common], rtol=0.5),
-        f"on {case.title}: the history begins with {other.residuals[:2]}, without the option with "
-        f"{usual.residuals[:2]}: record the residuals during the iteration",
+        f"the history begins with {other.residuals[:2]}, without the option with {usual.residuals[:2]}: "
+        "record the residuals during the iteration",
     )
 
 
@@ -289,23 +285,21 @@ def each_solve_alone(subject: Subject, case: Case) -> None:
 def told_error_holds(subject: Subject, case: Case) -> None:
     """Reported energy errors and rounding limits are true for the returned x, and tests have known names."""
     it = solve(subject, case)
-    require(
-        set(it.tests) <= set(TESTS), f"on {case.name}: tests are {it.tests!r:.80}, expected some of {TESTS}"
-    )
+    require(set(it.tests) <= set(TESTS), f"tests are {it.tests!r:.80}, expected some of {TESTS}")
     if it.energy_error is not None and it.lifting is None:
         error = _energy_error(it)
         require(
             error <= 10.0 * it.energy_error + 1e-10,  # an estimate; the direct solution is no more accurate
-            f"on {case.name}: it reports an energy error of {it.energy_error:.1e}, that of x is "
-            f"{error:.1e}: estimate it from the residual of x, or leave it None",
+            f"it reports an energy error of {it.energy_error:.1e}, that of x is {error:.1e}: estimate it "
+            "from the residual of x, or leave it None",
         )
     if it.rounding_limited:
         x, load = (it.x, it.b) if it.lifting is None else (it.lifting.rest, it.lifting.load)
         true = backward_error(matrix_of(it.A), x, load)
         require(
             not it.converged and true is not None and true <= LIMIT,
-            f"on {case.name}: rounding_limited is set, converged is {it.converged} and the backward error "
-            f"{true}: set it only if x misses the tolerance with a backward error below {LIMIT:.0e}",
+            f"rounding_limited is set, converged is {it.converged} and the backward error {true}: set it "
+            f"only if x misses the tolerance with a backward error below {LIMIT:.0e}",
         )
 
 
@@ -332,8 +326,8 @@ def coarse_operators_inherited(subject: Subject, case: Case) -> None:
         error = float((np.abs((P.T @ A @ P - coarse).toarray()) / unit / unit[:, None]).max(initial=0.0))
         require(
             error <= 1e-8,
-            f"on {case.name}: the matrix of level {level + 1} is not Pᵀ A P, off by {error:.1e}: return the "
-            "P that was used, and drop no small entries; set galerkin = False if levels are rediscretised",
+            f"the matrix of level {level + 1} is not Pᵀ A P, off by {error:.1e}: return the P that was "
+            "used, and drop no small entries; set galerkin = False if levels are rediscretised",
         )
 
 
@@ -365,15 +359,14 @@ def symmetric(subject: Subject, case: Case) -> None:
     nonlinearity = np.abs(unit * np.ravel(operator @ (unit * u)) - M @ u).max() / (size * np.abs(u).sum())
     require(
         nonlinearity <= 1e-8,
-        f"on {case.name}: M (u + v) differs from M u + M v by {nonlinearity:.1e}: use no step length that "
-        "depends on the residual and no inner iteration that stops by a tolerance, or drop the promise "
-        "symmetric",
+        f"M (u + v) differs from M u + M v by {nonlinearity:.1e}: use no step length that depends on the "
+        "residual and no inner iteration that stops by a tolerance, or drop the promise symmetric",
     )
     skew = np.abs(M - M.T).max() / size
-    require(skew < 1e-6, f"on {case.name}: M and its transpose differ by {skew:.1e}: mirror the smoothing")
+    require(skew < 1e-6, f"M and its transpose differ by {skew:.1e}: mirror the smoothing")
     least = float(np.linalg.eigvalsh((M + M.T) / 2)[0] / size)
     require(
         least > -1e-9,
-        f"on {case.name}: M is not positive definite, its smallest eigenvalue is {least:.1e} times its "
-        "largest entry: damp a Jacobi step by a factor below 2 / λ_max(D⁻¹A); λ_max may exceed 2",
+        f"M is not positive definite, its smallest eigenvalue is {least:.1e} times its largest entry: damp "
+        "a Jacobi step by a factor below 2 / λ_max(D⁻¹A); λ_max may exceed 2",
     )

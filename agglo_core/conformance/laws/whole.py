@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.law import ASKED, law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
@@ -21,22 +22,21 @@ from agglo_core.errors import AggloError
 from agglo_core.registry import KINDS
 
 
-@law(*ASKED)
-def same_seed_same_result(subject: Subject) -> None:
+@law(*ASKED, fixed=questions)
+def same_seed_same_result(subject: Subject, case: Case) -> None:
     """Equal calls with equal seeds give equal results, by two objects with equal options or by one."""
-    for case in questions(subject):
-        tool = subject.build()
-        first = answer(subject, tool, case)
-        values = in_array(subject, case, first)
-        for source, other in (("another", subject.build()), ("the same", tool)):
-            second = answer(subject, other, case)
-            solved_alike = getattr(first, "iterations", 0) == getattr(second, "iterations", 0)
-            require(
-                solved_alike and same(values, in_array(subject, case, second)),
-                f"on {case.name}: the same seed gave two results, the second by {source} object: take all "
-                "random numbers from the rng or the seeds given, because np.random.default_rng() without a "
-                "seed differs each time, and keep nothing between calls in self",
-            )
+    tool = subject.build()
+    first = answer(subject, tool, case)
+    values = in_array(subject, case, first)
+    for source, other in (("another", subject.build()), ("the same", tool)):
+        second = answer(subject, other, case)
+        solved_alike = getattr(first, "iterations", 0) == getattr(second, "iterations", 0)
+        require(
+            solved_alike and same(values, in_array(subject, case, second)),
+            f"the same seed gave two results, the second by {source} object: take all random numbers from "
+            "the rng or the seeds given, because np.random.default_rng() without a seed differs each time, "
+            "and keep nothing between calls in self",
+        )
 
 
 _IN_SPACE = tuple(kind for kind in ASKED if "3d" in KINDS[kind].promises)
@@ -64,14 +64,13 @@ def space(subject: Subject) -> None:
         require(finite, f"on {case.name}: values are {values[:4]}")
 
 
-@law(*_ON_MESHES, when=lambda subject: subject.promised("3d") is None)
-def space_served_or_refused(subject: Subject) -> None:
+@law(*_ON_MESHES, fixed=questions_in_3d, when=lambda subject: subject.promised("3d") is None)
+def space_served_or_refused(subject: Subject, case: Case) -> None:
     """Without the promise 3d, 3-D meshes are handled or refused with an AggloError."""
-    for case in questions_in_3d(subject):
-        try:
-            plain(subject, subject.build(), case)
-        except Broken as error:
-            if not isinstance(error.__cause__, AggloError):
-                raise Broken(
-                    f"{error}. If it supports only 2-D, raise agglo.MeshError('… exists only for 2-D meshes')"
-                ) from error
+    try:
+        plain(subject, subject.build(), case)
+    except Broken as error:
+        if not isinstance(error.__cause__, AggloError):
+            raise Broken(
+                f"{error}. If it supports only 2-D, raise agglo.MeshError('… exists only for 2-D meshes')"
+            ) from error

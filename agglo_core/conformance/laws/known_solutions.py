@@ -1,4 +1,4 @@
-"""Laws for diffusion solvers: known solutions, superposition, and convergence with the mesh.
+"""Laws for solvers and discretisations of diffusion: known solutions, superposition, and convergence.
 
 A solver may refuse boundary data with an AggloError. Values are compared if the meaning of the unknowns is
 known: from the solver's discretisation, or because there is one unknown per cell.
@@ -17,16 +17,25 @@ from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
 from agglo_core.conformance.inputs.problem_strategies import plates, solver_cases
-from agglo_core.conformance.inputs.solver_answers import gap, solve_unless_refused, takes, values
-from agglo_core.conformance.inputs.solver_cases import DrawnPlate, boundary_tags, on_levels, smooth_plate
+from agglo_core.conformance.inputs.solver_answers import (
+    gap,
+    solve_assembled,
+    solve_unless_refused,
+    takes,
+    values,
+)
+from agglo_core.conformance.inputs.solver_cases import boundary_tags, on_levels, smooth_plate
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion
 
 _EXAMPLES = 15  # drawn problems for each law
 _CLOSE = 1e-3  # relative to the largest value; solvers stop at a tolerance of their own
+_ROUNDING = 1e-5  # the same for discretisations, whose systems are solved by elimination
 
 
 def _takes_diffusion(subject: Subject) -> bool:
+    if subject.kind == "discretisation":
+        return Diffusion.kind in subject.build().accepts
     return takes(subject, Diffusion)
 
 
@@ -43,6 +52,8 @@ def _unknowns(subject: Subject, problem: Diffusion, hierarchy: Hierarchy) -> Flo
 def _found(subject: Subject, problem: Diffusion, hierarchy: Hierarchy) -> Float | None:
     """Return the solution at the cell centroids, or None if it is refused or cannot be evaluated."""
     assert hierarchy.fine is not None
+    if subject.kind == "discretisation":
+        return solve_assembled(subject.build(), problem, hierarchy.fine)
     tags = boundary_tags(hierarchy.fine, problem.boundary)
     constant = replace(problem, source=0.0, dirichlet=dict.fromkeys(tags, 1.0), neumann={})
     one, x = (_unknowns(subject, each, hierarchy) for each in (constant, problem))
@@ -69,16 +80,13 @@ def constant_found(subject: Subject, case: Case) -> None:
     error = gap(x, one)
     require(
         error <= _CLOSE,
-        f"on {case.name}: boundary value 1 on the faces of tag {first} gives an x that is off by "
-        f"{error:.1e} from that with value 1 on the whole boundary: faces whose tag is in neither dirichlet "
-        "nor neumann are insulated, and κ must not scale boundary values",
+        f"boundary value 1 on the faces of tag {first} gives an x that is off by {error:.1e} from that with "
+        "value 1 on the whole boundary: faces whose tag is in neither dirichlet nor neumann are insulated, "
+        "and κ must not scale boundary values",
     )
     samples = values(subject.build(), hierarchy, one, one)
     error = 0.0 if samples is None else float(np.abs(samples - 1.0).max())
-    require(
-        error <= _CLOSE,
-        f"on {case.name}: boundary value 1 gives a solution that is off by {error:.1e} from 1",
-    )
+    require(error <= _CLOSE, f"boundary value 1 gives a solution that is off by {error:.1e} from 1")
 
 
 @law("solver", draw=_tagged_meshes, examples=_EXAMPLES, when=_takes_diffusion)
@@ -105,9 +113,8 @@ def data_superposed(subject: Subject, case: Case) -> None:
     error = gap(x, np.sum(parts, axis=0))
     require(
         error <= _CLOSE,
-        f"on {case.name}: source, boundary value and flux together, as functions or arrays, give an x that "
-        f"differs by {error:.1e} from the sum of the single solutions for numbers: check whether one "
-        "disables another",
+        "source, boundary value and flux together, as functions or arrays, give an x that differs by "
+        f"{error:.1e} from the sum of the single solutions for numbers: check whether one disables another",
     )
 
 
@@ -133,8 +140,8 @@ def further_terms_kept(subject: Subject, case: Case) -> None:
         error = 0.0 if x is None else gap(x, one)
         require(
             error <= _CLOSE,
-            f"on {case.name}: a problem with {name} whose solution is 1 gives an x off by {error:.1e}: "
-            f"add the term, or refuse problems that have {name} with an OptionError",
+            f"a problem with {name} whose solution is 1 gives an x off by {error:.1e}: add the term, or "
+            f"refuse problems that have {name} with an OptionError",
         )
     # Problems whose solution differs from that of −Δu = 1.
     for name, other in {
@@ -146,8 +153,8 @@ def further_terms_kept(subject: Subject, case: Case) -> None:
         change = np.inf if x is None or not plain.any() else gap(x, plain)
         require(
             change > _CLOSE,
-            f"on {case.name}: a problem with {name} has the solution of −Δu = 1: add the term, or refuse "
-            "such problems with an OptionError",
+            f"a problem with {name} has the solution of −Δu = 1: add the term, or refuse such problems with "
+            "an OptionError",
         )
 
 
@@ -156,10 +163,10 @@ def _other_form(kappa: Any, n: int) -> Any:
     return np.full(n, kappa) if isinstance(kappa, float) else kappa
 
 
-@law("solver", draw=plates, examples=3 * _EXAMPLES, when=_takes_diffusion)
-def linear_found(subject: Subject, recipe: DrawnPlate) -> None:
+@law("solver", "discretisation", draw=plates, examples=3 * _EXAMPLES, when=_takes_diffusion)
+def linear_found(subject: Subject, case: Case) -> None:
     """Boundary values and fluxes give a linear solution exactly, even at a jump of κ, on rectangles."""
-    problem, hierarchy, exact = recipe.posed
+    problem, hierarchy, exact = case.given[0].posed
     u = _found(subject, problem, hierarchy)
     if u is None:
         return
@@ -167,22 +174,22 @@ def linear_found(subject: Subject, recipe: DrawnPlate) -> None:
     points = hierarchy.fine.cell_centroids
     expected = exact(points)
     worst = int(np.abs(u - expected).argmax())
+    close = _ROUNDING if subject.kind == "discretisation" else _CLOSE
     require(
-        np.abs(u - expected)[worst] <= _CLOSE * np.abs(expected).max(),
-        f"on {hierarchy.fine.name}: at {points[worst]} the solution is {u[worst]:.4g}, expected "
-        f"{expected[worst]:.4g}: Neumann data are κ ∂u/∂n, outward, and enter as their integral over a "
-        "face; a cell may have several faces on the boundary; between two cells resistances (distance over "
-        "κ) add up: take the harmonic mean of κ; take areas and distances from the mesh, whose "
-        "local_points keep digits far from 0",
+        np.abs(u - expected)[worst] <= close * np.abs(expected).max(),
+        f"at {points[worst]} the solution is {u[worst]:.8g}, expected {expected[worst]:.8g}: Neumann data "
+        "are κ ∂u/∂n, outward, and enter as their integral over a face; a cell may have several faces on "
+        "the boundary; between two cells resistances (distance over κ) add up: take the harmonic mean of "
+        "κ; take areas and distances from the mesh, whose local_points keep digits far from 0",
     )
 
 
-@law("solver", draw=plates, examples=6, when=_takes_diffusion)
-def finer_is_closer(subject: Subject, recipe: DrawnPlate) -> None:
+@law("solver", "discretisation", draw=plates, examples=6, when=_takes_diffusion)
+def finer_is_closer(subject: Subject, case: Case) -> None:
     """For a smooth solution with a source, halving the cell size divides the error by 2.5 or more."""
     errors = []
     for cells in (36, 144):
-        problem, mesh, exact = smooth_plate(recipe, cells)
+        problem, mesh, exact = smooth_plate(case.given[0], cells)
         u = _found(subject, problem, on_levels(mesh, np.arange(cells) // 4))
         if u is None:
             return
