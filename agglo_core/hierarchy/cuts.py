@@ -190,9 +190,9 @@ class Cut:
         number = np.full(len(self.forest.parent), -1)
         number[new.nodes] = np.arange(new.n_parts)
         new_part = number[self.nodes]
-        moved = np.unique((self.labels * new.n_parts + new.labels)[new_part[self.labels] < 0])
-        pairs = np.stack((moved // new.n_parts, moved % new.n_parts), axis=1)
-        return Change(new, frozen_int(new_part), frozen_int(pairs))
+        is_changed = new_part[self.labels] < 0
+        pairs = _pairs(self.labels[is_changed], new.labels[is_changed], new.n_parts)
+        return Change(new, frozen_int(new_part), pairs)
 
     # -- transfer ------------------------------------------------------------------------------
     def prolongation(self, finer: Cut) -> sparse.csr_array[Any, Any]:
@@ -246,9 +246,28 @@ class Cut:
         common.data /= total[rows]
         return common
 
+    def overlaps(self, other: Cut) -> Int:
+        """Return the pairs of overlapping parts of this and another cut, ``(k, 2)`` in ascending order.
+
+        One part of each pair contains the other.
+
+        Raises
+        ------
+        OptionError
+            If the cut belongs to another hierarchy.
+        """
+        self._check_same_forest(other)
+        return _pairs(self.labels, other.labels, other.n_parts)
+
     def _check_same_forest(self, other: Cut) -> None:
         if not self.forest.matches(other.forest):
             raise OptionError("the cuts belong to different hierarchies: there is no transfer between them")
+
+
+def _pairs(parts: Int, others: Int, n_others: int) -> Int:
+    """Return the different pairs of parts that cells ``(n,)`` have in two partitions, ``(k, 2)``."""
+    codes = np.unique(parts * n_others + others)
+    return frozen_int(np.stack(np.divmod(codes, n_others), axis=1))
 
 
 def ones_by_row(columns: Int, n_columns: int) -> sparse.csr_array[Any, Any]:

@@ -127,9 +127,9 @@ def evolve(
         raise OptionError(f"{member.title} has no discretisation with {' and '.join(missing) or 'a mesh'}")
     # 2. Set up
     count = max(1, math.ceil(t_end / step - _ROUNDING))
-    start = u0.x if isinstance(u0, Solution) else how.project(mesh, u0)
-    speed = how.project(mesh, 0.0 if velocity is None else velocity) if scheme == "newmark" else None
     steps = _Steps(member, hierarchy, how, mesh, problem, reaction)
+    start = steps.unknowns(u0) if isinstance(u0, Solution) else how.project(mesh, u0)
+    speed = how.project(mesh, 0.0 if velocity is None else velocity) if scheme == "newmark" else None
     return _states(steps, np.asarray(start, float), speed, t_end / count, count, scheme)
 
 
@@ -209,6 +209,21 @@ class _Steps:
     def problem(self, t: float) -> Evolving:
         """Return the problem at a time."""
         return _evolving(self._problem, t)
+
+    def unknowns(self, solution: Solution) -> Float:
+        """Return the unknowns of a solution, or raise OptionError if it has another mesh or degree."""
+        other, n = solution.mesh, self.mass.shape[0]
+        is_same = other is self.mesh or (
+            other is not None
+            and np.array_equal(other.points, self.mesh.points)
+            and np.array_equal(other.face_cells, self.mesh.face_cells)
+        )
+        if not is_same or solution.x.shape != (n,):
+            raise OptionError(
+                f"u0 has {len(solution.x)} unknowns on {other}, expected {n} on {self.mesh}; "
+                "Solution.transfer projects a solution onto another cut"
+            )
+        return solution.x
 
     def force(self, t: float, u: Float) -> Float | None:
         """Return the load ``(n,)`` of the explicit reaction, None without one."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any, TypeVar
@@ -11,6 +12,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Mask, frozen_float, frozen_int
 from agglo_core.errors import OptionError
+from agglo_core.hierarchy.cuts import Cut
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import import_function
 from agglo_core.problems.discretisation import Discretisation, Problem, Samples
@@ -389,6 +391,40 @@ class Solution:
                 "Diffusion(…, exact=u) has"
             )
         return norms
+
+    def transfer(self, old: Cut, new: Cut) -> Solution:
+        """Return the L2 projection of the solution from the mesh of a cut to that of another cut.
+
+        It preserves the integral. Where parts are divided the function stays as it is. ``A``, ``b`` and the
+        report still belong to the solved system, and ``problem`` is None: its data may be given by part.
+
+        Parameters
+        ----------
+        old, new : Cut
+            Cuts of one hierarchy; the solution is on ``old.mesh``.
+
+        Raises
+        ------
+        OptionError
+            If the solution is not on ``old.mesh``, the cuts belong to different hierarchies, or the
+            discretisation has no method ``transfer``.
+
+        Examples
+        --------
+        >>> hierarchy = agglo.agglomerate(agglo.samples.squares(8), n_parts=(16, 4))
+        >>> old, new = hierarchy.cut_at(1), hierarchy.cut(12)
+        >>> solution = agglo.solve(hierarchy.above(old), agglo.Diffusion(source=8.0), degree=2)
+        >>> moved = solution.transfer(old, new)
+        >>> len(solution.x), len(moved.x), abs(moved.integral() - solution.integral()) < 1e-12
+        (24, 60, True)
+        """
+        method, mesh = self._optional("transfer")
+        if mesh is not old.mesh:
+            raise OptionError(f"the solution is on {mesh}, not on the mesh of the first cut, {old.mesh}")
+        moved = copy(self)  # dataclasses.replace would compute the deferred fields
+        x = frozen_float(method(mesh, self.x, new.mesh, old.overlaps(new)))
+        vars(moved).update(x=x, mesh=new.mesh, problem=None, lifting=None)
+        return moved
 
     def write(self, path: str | PathLike[str]) -> None:
         """Write solution, gradient and stress for ParaView, as ``agglo solve -o`` does.
