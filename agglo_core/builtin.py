@@ -125,6 +125,10 @@ _PROBLEMS = {
     "sine": ("diffusion:sine", "f = 2π² sin πx sin πy with u = 0 on the boundary (the paper's text)."),
 }
 
+_ESTIMATORS = {
+    "residual": ("Residual", "Residuals in the cells, and jumps of fluxes and values on faces."),
+    "gradient_jump": ("GradientJump", "Jumps of fluxes and values on faces alone."),
+}
 _SMOOTHERS = {
     "block_jacobi": ("smoothers.level_smoothers:BlockJacobi", "Block Jacobi steps, damped by 4/(3 λ_max)."),
     "gauss_seidel": (
@@ -182,7 +186,7 @@ _CONSTRAINTS = {
 def agglo_components() -> list[Component]:
     """Return all built-in component declarations."""
     own = (_refiners, _bisectors, _constraints, _metrics, _formats, _samples, _problems)
-    parts = (*own, _smoothers, _multigrid, _solvers, _sections)
+    parts = (*own, _estimators, _smoothers, _multigrid, _solvers, _sections)
     return [component for each in parts for component in each()]
 
 
@@ -324,6 +328,19 @@ def _problems() -> list[Component]:
             summary=summary,
         )
         for name, (target, summary) in _PROBLEMS.items()
+    ]
+
+
+def _estimators() -> list[Component]:
+    return [
+        Component(
+            kind="estimator",
+            name=name,
+            target=f"agglo_core.adaptivity.estimators:{target}",
+            promises={"deterministic": True, "3d": True, "pickles": True},
+            summary=summary,
+        )
+        for name, (target, summary) in _ESTIMATORS.items()
     ]
 
 

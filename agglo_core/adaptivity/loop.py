@@ -164,7 +164,7 @@ def adapt(
         by another solve per step, of the dual problem with source ψ, and ``tolerance`` is relative to the
         number.
     solver, registry, progress, verbose, **options
-        As for :func:`agglo_core.solve`. The unknowns of the solver must belong to cells.
+        As for :func:`agglo_core.solve`.
 
     Returns
     -------

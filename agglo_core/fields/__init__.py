@@ -1,30 +1,40 @@
 """Coefficients, boundary data, quadrature and point location on meshes, for discretisations."""
 
-from agglo_core.fields.boundary import BoundaryParts, boundary_parts, boundary_values
+from agglo_core.fields.boundary import BoundaryParts, boundary_parts, boundary_values, require_exact
 from agglo_core.fields.coefficients import is_zero, nonnegative, positive
+from agglo_core.fields.corrections import corrections
 from agglo_core.fields.gauss_points import gauss, simplex_rule
 from agglo_core.fields.location import locate
+from agglo_core.fields.residuals import CellResiduals, Polynomials, cell_residuals, kappa_values, times
 from agglo_core.fields.rules import Batch, inside
 from agglo_core.fields.sampling import sample_points
 from agglo_core.fields.simplices import triangles_of_faces
 from agglo_core.fields.tensors import Tensor
-from agglo_core.fields.values import per_cell, sample
+from agglo_core.fields.values import central_differences, per_cell, sample
 
 __all__ = [
     "Batch",
     "BoundaryParts",
+    "CellResiduals",
+    "Polynomials",
     "Tensor",
     "boundary_parts",
     "boundary_values",
+    "cell_residuals",
+    "central_differences",
+    "corrections",
     "gauss",
     "inside",
     "is_zero",
+    "kappa_values",
     "locate",
     "nonnegative",
     "per_cell",
     "positive",
+    "require_exact",
     "sample",
     "sample_points",
     "simplex_rule",
+    "times",
     "triangles_of_faces",
 ]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import combinations
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from agglo_core.errors import OptionError
 from agglo_core.fields.values import per_cell, sample
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion, Field
+
+_ROUNDING: Final = 1e-6
+"""Difference between exact solution and Dirichlet data, relative to their size, that counts as rounding."""
 
 
 class BoundaryParts(NamedTuple):
@@ -88,3 +91,25 @@ def boundary_values(
             cells = per_cell(field, mesh.n_cells, f"{name} of tag {tag}")
             values[on] = cells[mesh.face_cells[faces[on], 0], None]
     return values
+
+
+def require_exact(mesh: Mesh, exact: Callable[[Float], Float], points: Float, data: Float) -> None:
+    """Raise OptionError if the exact solution differs from Dirichlet ``data (q,)`` at boundary points.
+
+    ``points (q, d)`` are relative to the mesh origin. Rounding is relative to the values, and to those inside
+    where both nearly vanish.
+    """
+    if not len(data):
+        return
+    points = points + mesh.origin
+    values = sample(exact, points, "exact")
+    worst = int(np.argmax(np.abs(values - data)))
+    gap = abs(values[worst] - data[worst])
+    if gap <= _ROUNDING * max(np.abs(values).max(), np.abs(data).max()):
+        return
+    if gap > _ROUNDING * np.abs(sample(exact, mesh.cell_centroids, "exact")).max():
+        place = ", ".join(f"{x:g}" for x in points[worst])
+        raise OptionError(
+            f"exact contradicts the Dirichlet data: at the boundary point ({place}) it is {values[worst]:g}, "
+            f"the data are {data[worst]:g}; pass the exact values as Dirichlet data, or no exact solution"
+        )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
-from agglo_core.arrays import Float
+from agglo_core.arrays import Float, frozen_float
 from agglo_core.errors import OptionError
 from agglo_core.fields.tensors import Tensor, is_tensor, tensor
 from agglo_core.fields.values import per_cell, sample
@@ -32,6 +35,8 @@ def _checked(mesh: Mesh, field: Field, name: str, *, zero: bool) -> Field:
     required = "must not be negative" if zero else "must be positive"
 
     def worst_of(values: Float) -> int | None:
+        if not len(values):
+            return None
         worst = int(np.argmin(values))
         return worst if values[worst] < 0 or (values[worst] == 0 and not zero) else None
 
@@ -50,6 +55,31 @@ def _checked(mesh: Mesh, field: Field, name: str, *, zero: bool) -> Field:
     if worst is not None:
         raise OptionError(f"{name} {required}: it is {values[worst]} in cell {worst}")
     return values
+
+
+def velocity(mesh: Mesh, convection: Any) -> Float | Callable[[Float], Float] | None:
+    """Return b as checked cell values ``(n_cells, d)`` or a callable with values ``(q, d)``, or None for 0.
+
+    Raises
+    ------
+    OptionError
+        For another shape, or values that are not finite, with the cell.
+    """
+    if callable(convection):
+        return lambda points: sample(convection, points, "convection", (mesh.dim,))
+    if not np.any(convection):
+        return None
+    values = frozen_float(convection)
+    if values.shape not in ((mesh.dim,), (mesh.n_cells, mesh.dim)):
+        raise OptionError(
+            f"convection has shape {values.shape}: expected ({mesh.dim},), ({mesh.n_cells}, {mesh.dim}) or a "
+            "callable"
+        )
+    values = np.broadcast_to(values, (mesh.n_cells, mesh.dim))
+    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if len(bad):
+        raise OptionError(f"convection is {values[bad[0]].tolist()} in cell {bad[0]}, not finite")
+    return frozen_float(values)
 
 
 def is_zero(field: Field) -> bool:

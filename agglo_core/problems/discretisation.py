@@ -153,6 +153,9 @@ class Discretisation(Protocol):
       the matrix have the diagonal entry alone. Solvers subtract their values, and add no load to them.
     - ``inner_unknowns(mesh)``: unknowns ``(n_cells, m)`` inside each cell, which solvers eliminate;
     - ``energy(problem, mesh, x)``: the square of the energy norm of the function, without jumps;
+    - ``residuals(problem, mesh, x)``: squares by name and cell ``(n_cells,)``, whose sum estimates the square
+      of the error in the energy norm: ``cell``, and others on faces. ``oscillation`` is the share of ``cell``
+      that the discretisation cannot represent. :func:`agglo_core.adapt` refines by them.
     - ``transfer(mesh, x, other, pairs)``: unknowns on the mesh ``other`` of the projection of the function
       with unknowns x; ``pairs (k, 2)`` are the overlapping cells of both meshes, of which one contains the
       other. :func:`agglo_core.adapt` starts each solve from it.
@@ -204,7 +207,10 @@ class Discretisation(Protocol):
         ...
 
     def errors(self, problem: Problem, mesh: Mesh, x: Float) -> Mapping[str, float]:
-        """Return norms of the error by name (``"l2"``, …), or none without an exact solution."""
+        """Return norms of the error by name, or none without an exact solution.
+
+        ``l2``, ``h1`` and the energy norm: ``dg`` with jumps, or ``energy``.
+        """
         ...
 
     def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:

@@ -1,17 +1,11 @@
-"""Declare the discretisation PolyDG, its estimators, its solvers and its smoother."""
+"""Declare the discretisation PolyDG, its estimator, its solvers and its smoother."""
 
 from agglo_core.authoring import Component, hookimpl
-
-_ESTIMATORS = (
-    ("residual", "Residual", "Residuals in the cells, and jumps of fluxes and values on faces."),
-    ("gradient_jump", "GradientJump", "Jumps of fluxes and values on faces alone."),
-    ("hierarchical", "Hierarchical", "Energy of the difference to a solution of the next higher degree."),
-)
 
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Return this plugin's components: two discretisations, three estimators, four solvers and a smoother."""
+    """Return this plugin's components: two discretisations, an estimator, four solvers and a smoother."""
     return [
         Component(
             kind="discretisation",
@@ -27,15 +21,12 @@ def agglo_components() -> list[Component]:
             promises={"deterministic": True, "3d": True, "pickles": True},
             summary="Discontinuous polynomial displacements on polygons and polyhedra.",
         ),
-        *(
-            Component(
-                kind="estimator",
-                name=name,
-                target=f"agglo_polydg_mg.estimators.components:{target}",
-                promises={"deterministic": True, "3d": True, "pickles": True},
-                summary=summary,
-            )
-            for name, target, summary in _ESTIMATORS
+        Component(
+            kind="estimator",
+            name="hierarchical",
+            target="agglo_polydg_mg.estimators.components:Hierarchical",
+            promises={"deterministic": True, "3d": True, "pickles": True},
+            summary="Energy of the difference to a solution of the next higher degree.",
         ),
         Component(
             kind="solver",

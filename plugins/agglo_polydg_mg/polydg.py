@@ -25,8 +25,7 @@ from agglo_core.authoring import (
     solvers,
 )
 from agglo_core.fields.coefficients import is_zero, positive
-from agglo_core.fields.tensors import is_tensor, tensor
-from agglo_core.fields.values import sample
+from agglo_core.fields.corrections import corrections
 from agglo_polydg_mg.elasticity.discretisation import PolyDGElasticity
 from agglo_polydg_mg.forms.assembly import Lifted, discretise_lifted, effective_penalty, load
 from agglo_polydg_mg.forms.boundary import boundary_faces, largest_alpha, require_consistent
@@ -36,6 +35,7 @@ from agglo_polydg_mg.forms.floating import floating_parts, mean_remover
 from agglo_polydg_mg.forms.fluxes import fluxes
 from agglo_polydg_mg.forms.norms import EnergyNorm, errors
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty, require_penalty
+from agglo_polydg_mg.forms.residuals import squared_residuals
 from agglo_polydg_mg.forms.sides import with_straight_sides
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.solver.choose import choose
@@ -214,7 +214,7 @@ class PolyDG:
 
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
         """Rediscretise on agglomerates, with the penalty and the means of the coefficients computed there."""
-        return self.assemble(corrections(problem, mesh, labels), mesh.coarsen(labels)).A
+        return self.assemble(corrections(_diffusion(problem), mesh, labels), mesh.coarsen(labels)).A
 
     def project(self, mesh: Mesh, function: Field) -> Float:
         """Return the coefficients ``(n,)`` of a function's L2 projection."""
@@ -248,6 +248,13 @@ class PolyDG:
         See :func:`~agglo_polydg_mg.forms.fluxes.fluxes`.
         """
         return fluxes(self.basis(mesh), mesh, x, _diffusion(problem), self.penalty)
+
+    def residuals(self, problem: Problem, mesh: Mesh, x: Float) -> Mapping[str, Float]:
+        """Return the weighted squares of all residuals of a solution, by kind and cell ``(n_cells,)``.
+
+        See :func:`~agglo_polydg_mg.forms.residuals.squared_residuals`.
+        """
+        return squared_residuals(self.basis(mesh), x, _diffusion(problem), self.penalty)
 
     def energy(self, problem: Problem, mesh: Mesh, x: Float) -> float:
         """Return ∫ ∇u·κ∇u + c u² for the function with unknowns ``x (n,)``, without jumps."""
@@ -340,47 +347,3 @@ def _diffusion(problem: Problem) -> Diffusion:
     if not isinstance(problem, Diffusion):
         raise OptionError(f"PolyDG discretises problems of kind diffusion; given {type(problem).__name__}")
     return problem
-
-
-def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
-    """Return the problem that corrections on agglomerates solve: equal conditions with zero data."""
-    diffusion = _diffusion(problem)
-    return Diffusion(
-        kappa=_average_coefficient(diffusion.kappa, mesh, labels, "kappa"),
-        reaction=_average_coefficient(diffusion.reaction, mesh, labels, "reaction"),
-        source=0.0,
-        dirichlet=dict.fromkeys(diffusion.dirichlet, 0.0),
-        neumann=dict.fromkeys(diffusion.neumann, 0.0),
-        convection=_average_velocity(diffusion.convection, mesh, labels),
-        robin={
-            tag: (alpha if callable(alpha) else _average_coefficient(alpha, mesh, labels, "alpha"), 0.0)
-            for tag, (alpha, _) in diffusion.robin.items()
-        },
-        boundary=diffusion.boundary,
-    )
-
-
-def _average_velocity(convection: Any, mesh: Mesh, labels: Int) -> Any:
-    """Average cell values of b over agglomerates, and return anything else unchanged."""
-    if callable(convection) or np.ndim(convection) < 2:
-        return convection
-    volumes = np.bincount(labels, mesh.cell_measures)
-    columns = [np.bincount(labels, mesh.cell_measures * column) / volumes for column in convection.T]
-    return frozen_float(np.stack(columns, axis=1))
-
-
-def _average_coefficient(field: Any, mesh: Mesh, labels: Int, name: str) -> Any:
-    """Average the coefficient over each agglomerate's cells.
-
-    A callable is evaluated at cell centroids.
-    """
-    if not callable(field) and np.ndim(field) in (0, 2):
-        return field
-    if is_tensor(field, mesh):
-        entries = tensor(mesh, field).at(mesh.cell_centroids, slice(None)) * mesh.cell_measures[:, None, None]
-        sums = np.zeros((int(labels.max()) + 1, mesh.dim, mesh.dim))
-        np.add.at(sums, labels, entries)
-        return frozen_float(sums / np.bincount(labels, mesh.cell_measures)[:, None, None])
-    cells = sample(field, mesh.cell_centroids, name) if callable(field) else np.asarray(field, float)
-    weighted = np.bincount(labels, mesh.cell_measures * cells)
-    return frozen_float(weighted / np.bincount(labels, mesh.cell_measures))

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mask, OptionError, fields
-from agglo_vem.local_spaces import Space, Trace
-from agglo_vem.monomials import count, products
+from agglo_vem.local_spaces import LocalSpaces, Space, Trace
+from agglo_vem.monomials import products
 
 STABILISATIONS = ("dofi", "d-recipe")
-
-_ROUNDING: Final = 1e-6
-"""Relative difference of exact solution and Dirichlet data that counts as rounding."""
 
 
 class _Entries:
@@ -37,52 +35,85 @@ class _Entries:
         return sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=(self._n, self._n)))
 
 
-def stiffness(space: Space, kappa: Any, stabilisation: str) -> _Entries:
-    """Return ∫ Π∇u·κΠ∇v and the stabilisation.
+@dataclass(frozen=True, eq=False)
+class LocalForms:
+    """Local matrices of a problem."""
 
-    With the local unknowns χ_i and the elliptic projection Π, the stabilisation is the sum of
-    s_i χ_i(u − Πu) χ_i(v − Πv). ``dofi``: s_i is the mean of κ (trace by dimension), in 3-D times |E|^⅓.
-    ``d-recipe``: the larger of this and the diagonal of the first term.
-    """
-    mesh, k, entries = space.mesh, space.degree, _Entries(space.n)
-    means = space.frames.tensor_means(kappa, 2 * k - 2)
-    scale = (
-        np.trace(means[..., 0], axis1=1, axis2=2) / mesh.dim * mesh.cell_measures ** (1.0 - 2.0 / mesh.dim)
-    )
-    for batch in space.batches():
-        maps = space.frames.maps[batch.cells]
-        mapped = np.einsum("cax,cxym,cby->cabm", maps, means[batch.cells], maps, optimize=True)
-        weights = (
-            mapped[..., products(k - 1, mesh.dim)]
-            * mesh.cell_measures[batch.cells][:, None, None, None, None]
-        )
-        slopes = batch.gradient
+    space: Space
+    problem: Diffusion
+    stabilisation: str
+
+    @cached_property
+    def _kappa(self) -> Float:
+        """Means ``(n_cells, d, d, m)`` of κ times the monomials to degree 2 k − 2."""
+        kappa = fields.positive(self.space.mesh, self.problem.kappa)
+        return self.space.frames.tensor_means(kappa, 2 * self.space.degree - 2)
+
+    @cached_property
+    def mean_kappa(self) -> Float:
+        """Mean of κ in each cell ``(n_cells,)``, of a tensor its trace by the dimension."""
+        return np.asarray(np.trace(self._kappa[..., 0], axis1=1, axis2=2) / self.space.mesh.dim)
+
+    @cached_property
+    def _reaction(self) -> Float:
+        """Integrals ``(n_cells, m)`` of the reaction times the monomials to degree 2 k."""
+        mesh = self.space.mesh
+        reaction = fields.nonnegative(mesh, self.problem.reaction)
+        means = self.space.frames.weighted_means(reaction, 2 * self.space.degree, "reaction")
+        return means * mesh.cell_measures[:, None]
+
+    def stiffness(self, batch: LocalSpaces) -> tuple[Float, Float]:
+        """Return ∫ Π∇u·κΠ∇v and the stabilisation, both ``(c, N, N)``.
+
+        With the local unknowns χ_i and the elliptic projection Π, the stabilisation is the sum of
+        s_i χ_i(u − Πu) χ_i(v − Πv). ``dofi``: s_i is the mean of κ (trace by dimension), in 3-D times |E|^⅓.
+        ``d-recipe``: the larger of this and the diagonal of the first term.
+        """
+        mesh, cells, slopes = self.space.mesh, batch.cells, batch.gradient
+        measures, maps = mesh.cell_measures[cells], self.space.frames.maps[cells]
+        kappa = np.einsum("cax,cxym,cby->cabm", maps, self._kappa[cells], maps, optimize=True)
+        weights = kappa[..., products(self.space.degree - 1, mesh.dim)] * measures[:, None, None, None, None]
         images = np.einsum("cabij,cbjn->cain", weights, slopes, optimize=True)
         c, d, low, n = slopes.shape
-        blocks = slopes.reshape(c, d * low, n).transpose(0, 2, 1) @ images.reshape(c, d * low, n)
+        first = slopes.reshape(c, d * low, n).transpose(0, 2, 1) @ images.reshape(c, d * low, n)
+        scale = self.mean_kappa[cells] * measures ** (1.0 - 2.0 / d)
+        sizes = np.repeat(scale[:, None], n, axis=1)
+        if self.stabilisation == "d-recipe":
+            sizes = np.maximum(sizes, np.einsum("cnn->cn", first))
         rest = np.eye(n) - batch.of_polynomials @ batch.elliptic
-        sizes = np.repeat(scale[batch.cells][:, None], n, axis=1)
-        if stabilisation == "d-recipe":
-            sizes = np.maximum(sizes, np.einsum("cnn->cn", blocks))
-        entries.add(batch.unknowns, blocks + rest.transpose(0, 2, 1) @ (sizes[:, :, None] * rest))
-    return entries
+        return first, rest.transpose(0, 2, 1) @ (sizes[:, :, None] * rest)
 
+    def mass(self, batch: LocalSpaces) -> tuple[Float, Float]:
+        """Return ∫ c Πu Πv with the L2 projection Π and the reaction c, and the stabilisation.
 
-def add_mass(entries: _Entries, space: Space, field: Field, name: str) -> None:
-    """Add ∫ c Πu Πv with the L2 projection Π, and |E| c Σ χ_i(u − Πu) χ_i(v − Πv)."""
-    k, dim = space.degree, space.mesh.dim
-    means = space.frames.weighted_means(field, 2 * k, name) * space.mesh.cell_measures[:, None]
-    for batch in space.batches():
-        weights = means[batch.cells][:, products(k, dim)]
+        The stabilisation is |E| c Σ χ_i(u − Πu) χ_i(v − Πv) with the mean of c.
+        """
+        weights = self._reaction[batch.cells][:, products(self.space.degree, self.space.mesh.dim)]
         rest = np.eye(batch.l2.shape[2]) - batch.of_polynomials @ batch.l2
-        blocks = batch.l2.transpose(0, 2, 1) @ weights @ batch.l2
-        entries.add(batch.unknowns, blocks + weights[:, :1, :1] * (rest.transpose(0, 2, 1) @ rest))
+        first = batch.l2.transpose(0, 2, 1) @ weights @ batch.l2
+        return first, weights[:, :1, :1] * (rest.transpose(0, 2, 1) @ rest)
+
+    def blocks(self, batch: LocalSpaces) -> tuple[Float, Float]:
+        """Return the form of the problem inside the cells, and its stabilisation."""
+        forms = [self.stiffness(batch)]
+        if not fields.is_zero(self.problem.reaction):
+            forms.append(self.mass(batch))
+        first, second = (sum(parts[1:], start=parts[0]) for parts in zip(*forms, strict=True))
+        return first, second
+
+    def matrix(self) -> sparse.csr_array:
+        """Return the matrix ``(n, n)`` without boundary terms."""
+        entries = _Entries(self.space.n)
+        for batch in self.space.batches():
+            entries.add(batch.unknowns, np.add(*self.blocks(batch)))
+        return entries.matrix()
 
 
 def mass(space: Space) -> sparse.csr_array:
     """Return the mass matrix ``(n, n)``."""
-    entries = _Entries(space.n)
-    add_mass(entries, space, 1.0, "mass")
+    entries, local = _Entries(space.n), LocalForms(space, Diffusion(reaction=1.0), "dofi")
+    for batch in space.batches():
+        entries.add(batch.unknowns, np.add(*local.mass(batch)))
     return entries.matrix()
 
 
@@ -93,17 +124,6 @@ def load(space: Space, source: Field) -> Float:
     for batch in space.batches():
         values = np.einsum("cm,cmn->cn", means[batch.cells], batch.l2)
         result += np.bincount(batch.unknowns.ravel(), values.ravel(), space.n)
-    return result
-
-
-def polynomials(space: Space, x: Float) -> Float:
-    """Return the coefficients ``(n_cells, m)`` of the L2 projections of a function on the cells."""
-    x = np.asarray(x, dtype=float)
-    if x.shape != (space.n,):
-        raise OptionError(f"x must have the shape ({space.n},), given {x.shape}")
-    result = np.empty((space.mesh.n_cells, count(space.degree, space.mesh.dim)))
-    for batch in space.batches():
-        result[batch.cells] = np.einsum("cmn,cn->cm", batch.l2, x[batch.unknowns])
     return result
 
 
@@ -151,18 +171,11 @@ class BoundaryTerms:
 
         Data with one value per cell may be averages, and are not compared.
         """
-        exact, mesh, (unknowns, values) = self.problem.exact, self.space.mesh, self.fixed
         averages = any(np.ndim(data) for data in self.problem.dirichlet.values() if not callable(data))
-        if exact is None or averages or not len(unknowns):
-            return
-        points = self.space.node_points[unknowns] + mesh.origin
-        gaps = np.abs(fields.sample(exact, points, "exact") - values)
-        inside = np.abs(fields.sample(exact, mesh.cell_centroids, "exact")).max()
-        worst = int(np.argmax(gaps))
-        if gaps[worst] > _ROUNDING * max(inside, np.abs(values).max()):
-            raise OptionError(
-                f"exact contradicts the Dirichlet data: at {points[worst].tolist()} they differ by "
-                f"{gaps[worst]:g}; pass the exact values as Dirichlet data, or no exact solution"
+        if self.problem.exact is not None and not averages:
+            unknowns, values = self.fixed
+            fields.require_exact(
+                self.space.mesh, self.problem.exact, self.space.node_points[unknowns], values
             )
 
     @cached_property
@@ -170,9 +183,15 @@ class BoundaryTerms:
         """Functions at quadrature points on Neumann and Robin faces."""
         return self.space.trace(self.parts.natural)
 
-    def _data(self, data: Any, name: str) -> Float:
-        faces, points = self.trace.faces, self.trace.points
-        return fields.boundary_values(self.space.mesh, self.parts.tags, data, faces, points, name).ravel()
+    def data(self, data: Mapping[int, Field], name: str, trace: Trace) -> Float:
+        """Return boundary data at the points of a trace ``(t * q,)``, 0 on faces without them."""
+        mesh = self.space.mesh
+        return fields.boundary_values(mesh, self.parts.tags, data, trace.faces, trace.points, name).ravel()
+
+    def natural_data(self) -> Float:
+        """Return g of Neumann and Robin data at the points of :attr:`trace` ``(t * q,)``."""
+        robin = {tag: pair[1] for tag, pair in self.problem.robin.items()}
+        return self.data(self.problem.neumann, "neumann", self.trace) + self.data(robin, "robin", self.trace)
 
     @cached_property
     def alpha(self) -> Float:
@@ -183,7 +202,8 @@ class BoundaryTerms:
         OptionError
             If it is negative.
         """
-        alpha = self._data({tag: pair[0] for tag, pair in self.problem.robin.items()}, "alpha of robin")
+        data = {tag: pair[0] for tag, pair in self.problem.robin.items()}
+        alpha = self.data(data, "alpha of robin", self.trace)
         if alpha.size and alpha.min() < 0.0:
             raise OptionError(f"alpha of robin must not be negative: it is {alpha.min():g}")
         return alpha
@@ -195,9 +215,7 @@ class BoundaryTerms:
 
     def load(self) -> Float:
         """Return ∫ g v ``(n,)`` of Neumann and Robin data."""
-        robin = {tag: pair[1] for tag, pair in self.problem.robin.items()}
-        data = self._data(self.problem.neumann, "neumann") + self._data(robin, "robin")
-        return np.asarray(self.trace.values.T @ (self.trace.weights * data))
+        return np.asarray(self.trace.values.T @ (self.trace.weights * self.natural_data()))
 
     def held(self) -> Mask:
         """Return True for cells whose component has Dirichlet data, a positive α or a positive reaction."""
@@ -217,10 +235,7 @@ def system(terms: BoundaryTerms, stabilisation: str) -> tuple[sparse.csr_array, 
     Dirichlet unknowns have rows with the diagonal entry alone, so that the matrix remains symmetric.
     """
     space, problem = terms.space, terms.problem
-    entries = stiffness(space, fields.positive(space.mesh, problem.kappa), stabilisation)
-    if not fields.is_zero(problem.reaction):
-        add_mass(entries, space, fields.nonnegative(space.mesh, problem.reaction), "reaction")
-    A = entries.matrix()
+    A = LocalForms(space, problem, stabilisation).matrix()
     if problem.robin:
         A = sparse.csr_array(A + terms.matrix())
     g = np.zeros(space.n)
@@ -240,16 +255,9 @@ def natural_load(terms: BoundaryTerms) -> Float:
     return load(terms.space, terms.problem.source) + terms.load()
 
 
-def mean_kappa(space: Space, kappa: Any) -> Float:
-    """Return the mean of κ in each cell ``(n_cells,)``, of a tensor its trace by the dimension."""
-    mesh = space.mesh
-    means = space.frames.tensor_means(fields.positive(mesh, kappa), 0)[..., 0]
-    return np.asarray(np.trace(means, axis1=1, axis2=2) / mesh.dim)
-
-
-def per_unknown(space: Space, of_cells: Float) -> Float:
-    """Return the largest value of the cells at each unknown ``(n,)``."""
-    result = np.zeros(space.n)
+def largest_kappa(space: Space, problem: Diffusion) -> Float:
+    """Return the largest mean of κ in the cells at each unknown ``(n,)``."""
+    result, means = np.zeros(space.n), LocalForms(space, problem, "dofi").mean_kappa
     for batch in space.batches():
-        np.maximum.at(result, batch.unknowns, of_cells[batch.cells][:, None])
+        np.maximum.at(result, batch.unknowns, means[batch.cells][:, None])
     return result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, Final
@@ -98,14 +99,9 @@ class Frames:
         if not callable(field):
             values = fields.per_cell(field, mesh.n_cells, name)
             return values[:, None] * self.means(degree)
-        sums = np.zeros((mesh.n_cells, count(degree, mesh.dim)))
-        for batch in fields.inside(mesh, degree + _EXTRA):
-            cells = batch.cells
-            weights = batch.weights * fields.sample(field, batch.points + mesh.origin, name)
-            values = weights[:, None] * monomials(self.coordinates(cells, batch.points), degree)
-            stop = batch.first + len(batch.offsets) - 1
-            sums[batch.first : stop] = np.add.reduceat(values, batch.offsets[:-1])
-        return np.asarray(sums / mesh.cell_measures[:, None])
+        return self._by_quadrature(
+            self.maps, degree, _EXTRA, lambda points: fields.sample(field, points, name)
+        )
 
     def tensor_means(self, kappa: Any, degree: int) -> Float:
         """Return the means ``(n_cells, d, d, m)`` of a tensor or scalar field times monomials."""
@@ -124,15 +120,7 @@ class Frames:
         """Return the means ``(n_cells, m)`` of the monomials in coordinates with other ``maps``."""
         mesh, dim = self.mesh, self.mesh.dim
         if dim == 3:
-            sums = np.zeros((mesh.n_cells, count(degree, dim)))
-            for batch in fields.inside(mesh, degree):
-                shifted = batch.points - mesh.local_centroids[batch.cells]
-                values = monomials(np.einsum("qab,qb->qa", maps[batch.cells], shifted), degree)
-                stop = batch.first + len(batch.offsets) - 1
-                sums[batch.first : stop] = np.add.reduceat(
-                    batch.weights[:, None] * values, batch.offsets[:-1]
-                )
-            return np.asarray(sums / mesh.cell_measures[:, None])
+            return self._by_quadrature(maps, degree)
         # A homogeneous polynomial of degree p has the integral ∮ m y·n / (p + 2) (divergence theorem).
         corners = self.corners
         cells = corners.cells
@@ -147,6 +135,19 @@ class Frames:
         sums = np.add.reduceat(integrals, corners.offsets[:-1]) / (exponents(degree, dim).sum(axis=1) + 2)
         sizes = mesh.cell_measures * np.linalg.det(maps)
         return np.asarray(sums / sizes[:, None])
+
+    def _by_quadrature(
+        self, maps: Float, degree: int, extra: int = 0, field: Callable[[Float], Float] | None = None
+    ) -> Float:
+        """Return means as :meth:`_means`, times a field, by a rule with ``extra`` degrees."""
+        mesh, sums = self.mesh, np.zeros((self.mesh.n_cells, count(degree, self.mesh.dim)))
+        for batch in fields.inside(mesh, degree + extra):
+            shifted = batch.points - mesh.local_centroids[batch.cells]
+            values = monomials(np.einsum("qab,qb->qa", maps[batch.cells], shifted), degree)
+            weights = batch.weights if field is None else batch.weights * field(batch.points + mesh.origin)
+            stop = batch.first + len(batch.offsets) - 1
+            sums[batch.first : stop] = np.add.reduceat(weights[:, None] * values, batch.offsets[:-1])
+        return np.asarray(sums / mesh.cell_measures[:, None])
 
 
 def _entry(kappa: fields.Tensor, i: int, j: int, points: Float) -> Float:

@@ -274,7 +274,7 @@ class Space:
             Number of corners.
         """
         k, dim, inner = self.degree, self.mesh.dim, self.per_cell
-        gram = self._means[cells][:, products(k, dim)]
+        gram = self.means[cells][:, products(k, dim)]
         slopes, low = derivatives(k, dim), rights.shape[2]
         # Gradient: mean(Π∇v · q) = mean(∇v · q) for all q of degree k − 1.
         gradient: Any = np.linalg.solve(gram[:, None, :low, :low], rights)
@@ -296,7 +296,8 @@ class Space:
         return LocalSpaces(cells, unknowns, of_polynomials, gradient, elliptic, l2)
 
     @cached_property
-    def _means(self) -> Float:
+    def means(self) -> Float:
+        """Means ``(n_cells, m)`` of the monomials to degree 2 k."""
         return self.frames.means(2 * self.degree)
 
     def trace(self, faces: Int) -> Trace:

@@ -1,6 +1,8 @@
 """Adapted cuts against uniform levels: errors at equal unknowns, effectivity indices, met tolerances, time.
 
-python adaptivity.py [equal] [indices] [tolerances] [time] [--cells 12000] [--seed 0]
+python adaptivity.py [equal] [indices] [tolerances] [time] [--cells 12000] [--seed 0] [--discretisation vem]
+
+The discretisation of ``equal`` is polydg or vem.
 """
 
 from __future__ import annotations
@@ -8,6 +10,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -72,16 +75,22 @@ def l_shape(cells: int, seed: int) -> Mesh:
     return Mesh.from_polygons(points, triangles[(x < 0) | (y > 0)], name="L-shape")
 
 
-def uniform(hierarchy: Hierarchy, problem: Diffusion, degree: int) -> tuple[Array, Array]:
-    """Unknowns and DG errors of all levels and of the mesh, coarsest first."""
+def energy_error(errors: Mapping[str, float]) -> float:
+    """Error in the DG norm, or in the energy norm of virtual elements."""
+    return errors.get("dg", errors.get("energy", np.nan))
+
+
+def uniform(hierarchy: Hierarchy, problem: Diffusion, **options: Any) -> tuple[Array, Array]:
+    """Unknowns and energy errors of all levels and of the mesh, coarsest first."""
     meshes = [hierarchy.mesh(level) for level in range(len(hierarchy) - 1, -1, -1)]
-    found = [agglo.solve(mesh, problem, degree=degree) for mesh in (*meshes, hierarchy.fine)]
+    found = [agglo.solve(mesh, problem, **options) for mesh in (*meshes, hierarchy.fine)]
     return tuple(
-        np.array(column) for column in zip(*((len(s.x), s.errors()["dg"]) for s in found), strict=True)
+        np.array(column)
+        for column in zip(*((len(s.x), energy_error(s.errors())) for s in found), strict=True)
     )
 
 
-def equal(cells: int, seed: int) -> None:
+def equal(cells: int, seed: int, how: str = "polydg") -> None:
     """Print the error over that of a uniform level with as many unknowns, along the adaptation."""
     for name, mesh, problem, limit in (
         ("layer, triangles", samples.random_triangles(cells // 2, seed=seed), layer(), cells // 4),
@@ -89,12 +98,13 @@ def equal(cells: int, seed: int) -> None:
         ("corner, L-shape", l_shape(cells, seed), corner(), cells // 8),
         ("layer, tetrahedra", samples.random_tetrahedra(cells // 6, seed=seed), layer(), cells),
     ):
-        for degree in (1, 2):
-            found = agglo.adapt(mesh, problem, max_unknowns=limit * (1 + degree), degree=degree)
-            n, e = uniform(found.hierarchy, problem, degree)
+        for degree in (1, 2) if how == "polydg" or mesh.dim == 2 else (1,):
+            options: Any = {"degree": degree, "discretisation": how}
+            found = agglo.adapt(mesh, problem, max_unknowns=limit * (1 + degree), **options)
+            n, e = uniform(found.hierarchy, problem, **options)
             print(f"{name}, p = {degree}, {mesh.n_cells} cells, ended by {found.reason}")
             for step in found.steps[-6::2]:
-                dg = step.errors["dg"]
+                dg = energy_error(step.errors)
                 same = np.exp(np.interp(np.log(step.unknowns), np.log(n), np.log(e)))
                 need = np.exp(np.interp(-np.log(dg), -np.log(e), np.log(n))) if dg >= e[-1] else np.inf
                 print(
@@ -183,16 +193,18 @@ def measure_time(cells: int, seed: int) -> None:
 
 def main() -> None:
     """Run the parts named on the command line, by default all."""
-    parts = {"equal": equal, "indices": indices, "tolerances": tolerances, "time": measure_time}
+    parts: Any = {"equal": equal, "indices": indices, "tolerances": tolerances, "time": measure_time}
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("parts", nargs="*", choices=[*parts, []], default=[])
     parser.add_argument("--cells", type=int, default=12_000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--discretisation", choices=["polydg", "vem"], default="polydg")
     given = parser.parse_args()
     for name in given.parts or parts:
-        parts[name](given.cells, given.seed)
+        more = (given.discretisation,) if name == "equal" else ()
+        parts[name](given.cells, given.seed, *more)
 
 
 if __name__ == "__main__":

@@ -60,7 +60,7 @@ MAY_IMPORT = {
         "registry",
         "split",
     },
-    "adaptivity": EVERYBODY | {"agglomeration", "hierarchy", "mesh", "problems", "registry"},
+    "adaptivity": EVERYBODY | {"agglomeration", "hierarchy", "mesh", "problems", "registry", "solvers"},
     "samples": EVERYBODY | {"mesh", "registry"},
     "io": EVERYBODY | {"hierarchy", "mesh", "problems", "registry"},
     "interchange": EVERYBODY | {"compiled", "graph", "hierarchy", "io", "mesh", "problems"},

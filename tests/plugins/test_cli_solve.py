@@ -365,6 +365,9 @@ def test_adapted_meshes_are_reported_step_by_step(agglo: Agglo, tmp_path: Path) 
     assert done.code == 0
     assert "ended after" in done.out
     assert "the largest number of unknowns is reached" in done.out
+    done = agglo(*asked, "--discretisation", "vem", "--max-unknowns", "300")
+    assert done.code == 0
+    assert "error ENERGY" in done.out
     assert agglo("solve", "squares:n=4", "--adapt", "--tolerance", "1e-4").code == 3
 
 

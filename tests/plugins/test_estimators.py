@@ -1,4 +1,4 @@
-"""Estimators of PolyDG: effectivity for all coefficients and boundary data, units, and refused solutions."""
+"""Estimators: effectivity for all coefficients and boundary data, units, and refused solutions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from random_diffusion import with_four_sides
 
 import agglo_core as agglo
 from agglo_core import Diffusion, Mesh, OptionError, Solution, samples
-from agglo_polydg_mg.estimators.components import GradientJump, Hierarchical, Residual
+from agglo_core.adaptivity.estimators import GradientJump, Residual
+from agglo_polydg_mg.estimators.components import Hierarchical
 from agglo_polydg_mg.polydg import PolyDG
 
 Array = NDArray[np.float64]
@@ -91,6 +92,33 @@ def index(estimator: Residual | Hierarchical, solution: Solution) -> float:
 def agglomerates() -> Mesh:
     mesh = samples.random_triangles(600, seed=5)
     return mesh.coarsen(agglo.agglomerate(mesh, cells_per_part=8).levels[0])
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("name", [name for name in COEFFICIENTS if name != "convection"])
+def test_the_residual_estimate_of_virtual_elements_is_near_the_error(name: str, degree: int) -> None:
+    for mesh in (samples.voronoi(120, seed=4), agglomerates()):
+        solution = agglo.solve(
+            mesh, posed(COEFFICIENTS[name]), degree=degree, discretisation="vem", tolerance=1e-9
+        )
+        assert 1.0 < energy_index(Residual(), solution) < 4.0
+
+
+def test_the_index_of_virtual_elements_in_3d_and_with_fluxes() -> None:
+    solids = [samples.random_tetrahedra(150, seed=2), samples.voronoi3d(100, seed=1)]
+    plate = with_four_sides(samples.voronoi(120, seed=6))
+    for mesh in (*solids, solids[1].coarsen(agglo.agglomerate(solids[1], cells_per_part=6).levels[0]), plate):
+        problem = posed(COEFFICIENTS["number"], normals=mesh is plate)
+        solution = agglo.solve(mesh, problem, discretisation="vem", tolerance=1e-9)
+        assert 1.0 < energy_index(Residual(), solution) < 4.0
+        assert 0.5 < energy_index(GradientJump(), solution) < 4.0
+
+
+def energy_index(estimator: Residual, solution: Solution) -> float:
+    """Effectivity index in the energy norm, which contains the reaction."""
+    errors, problem = solution.errors(), solution.problem
+    error = np.hypot(errors["energy"], np.sqrt(problem.reaction) * errors["l2"])
+    return float(np.linalg.norm(estimator.indicate(solution)) / error)
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
@@ -179,6 +207,8 @@ def test_other_solutions_are_refused() -> None:
     for estimator in (Residual(), Hierarchical()):
         with pytest.raises(OptionError, match="given a solution of Elasticity by PolyDGElasticity"):
             estimator.indicate(bent)
+    with pytest.raises(OptionError, match="given a solution of Diffusion by VirtualElements"):
+        Hierarchical().indicate(agglo.solve(mesh, Diffusion(), discretisation="vem"))
     with pytest.raises(OptionError, match="6 is the largest degree"):
         Hierarchical().indicate(solved(mesh, Diffusion(), 6))
     with pytest.raises(OptionError, match="tolerance"):

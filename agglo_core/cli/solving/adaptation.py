@@ -108,7 +108,7 @@ class AdaptRequest:
             return
         title = f"{self.source}, {self.solver}: adapted mesh"
         steps = [_data(step) for step in adaptation.steps]
-        names = [name for name in steps[0]["errors"] if name in ("dg", "l2")]
+        names = [name for name in steps[0]["errors"] if name in ("dg", "energy", "l2")]
         rows = [
             [
                 *(f"{step[name]:,}" for name in ("parts", "unknowns")),

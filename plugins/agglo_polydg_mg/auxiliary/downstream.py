@@ -23,9 +23,10 @@ from agglo_core.authoring import (
     frozen_int,
     multigrid,
 )
+from agglo_core.fields.corrections import corrections
 from agglo_polydg_mg.forms.convection import face_flows
 from agglo_polydg_mg.paper.level_spaces import polydg_prolongations
-from agglo_polydg_mg.polydg import PolyDG, corrections
+from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.space.basis import Basis
 
 

@@ -1,8 +1,7 @@
-"""Estimators of the error in the DG norm, by cell."""
+"""Estimator of the error in the DG norm, by cell."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,51 +18,9 @@ from agglo_core.authoring import (
     frozen_int,
     solvers,
 )
-from agglo_polydg_mg.estimators.residuals import squared_residuals
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 from agglo_polydg_mg.space.projection import transfer
-
-
-class Residual:
-    """Estimate the error in the DG norm from the residuals of the equation.
-
-    Implements :class:`~agglo_core.protocols.Estimator` for diffusion problems solved by PolyDG. The terms
-    are described in :func:`~agglo_polydg_mg.estimators.residuals.squared_residuals`.
-    """
-
-    accepts: ClassVar[tuple[str, ...]] = (Diffusion.kind,)
-    counted: ClassVar[tuple[str, ...]] = ("cell", "flux", "jump")
-
-    def __repr__(self) -> str:
-        return solvers.show_options(self)
-
-    def indicate(self, solution: Solution) -> Float:
-        """Return the share of each cell ``(n_cells,)`` in the estimate, the root of the sum of squares."""
-        squares, factor = self._squares(solution)
-        return frozen_float(np.sqrt(sum(squares[name] for name in self.counted)) / factor)
-
-    def terms(self, solution: Solution) -> Mapping[str, Float]:
-        """Return the parts of the estimate ``(n_cells,)``, and the data oscillation that they contain."""
-        squares, factor = self._squares(solution)
-        names = (*self.counted, "oscillation") if "cell" in self.counted else self.counted
-        return {name: frozen_float(np.sqrt(squares[name]) / factor) for name in names}
-
-    def _squares(self, solution: Solution) -> tuple[Mapping[str, Float], float]:
-        """Return the squared residuals of the solution times a factor, which keeps them in range."""
-        how, mesh, problem = posed(self, solution)
-        factor = solvers.factor_for(float(np.abs(solution.x).max(initial=0.0)))
-        scaled = problem if factor == 1.0 else solvers.times(problem, factor)
-        return squared_residuals(how.basis(mesh), factor * solution.x, scaled, how.penalty), factor
-
-
-class GradientJump(Residual):
-    """Estimate the error from the jumps of the flux between cells, without residuals inside them.
-
-    It costs less than :class:`Residual`, and is of use to choose cells: as an estimate it lacks the source.
-    """
-
-    counted: ClassVar[tuple[str, ...]] = ("flux", "jump")
 
 
 class Hierarchical:

@@ -18,15 +18,11 @@ from agglo_core.authoring import (
     frozen_float,
     frozen_int,
 )
-from agglo_core.fields.boundary import boundary_parts, boundary_values
+from agglo_core.fields.boundary import boundary_parts, boundary_values, require_exact
 from agglo_core.fields.coefficients import is_zero, nonnegative
-from agglo_core.fields.values import sample
 from agglo_polydg_mg.forms.coefficients import cell_means
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, OnFaces, face_rule, on_pieces
 from agglo_polydg_mg.space.basis import Basis
-
-_ROUNDING = 1e-6
-"""Difference between exact solution and Dirichlet data, relative to their size, that counts as rounding."""
 
 
 class Boundary(NamedTuple):
@@ -125,20 +121,8 @@ def require_consistent(mesh: Mesh, problem: Diffusion, degree: int) -> None:
     if not len(faces):
         return
     rule = face_rule(mesh, faces, degree + 2)
-    points = rule.points.reshape(-1, mesh.dim) + mesh.origin
-    exact = sample(problem.exact, points, "exact")
-    g = boundary_values(mesh, boundary.tags, problem.dirichlet, rule.faces, rule.points, "dirichlet").ravel()
-    # 2. Largest difference, relative to both, and to values inside where both nearly vanish
-    worst = int(np.argmax(np.abs(exact - g)))
-    gap = abs(exact[worst] - g[worst])
-    if gap <= _ROUNDING * max(np.abs(exact).max(), np.abs(g).max()):
-        return
-    if gap > _ROUNDING * np.abs(sample(problem.exact, mesh.cell_centroids, "exact")).max():
-        place = ", ".join(f"{x:g}" for x in points[worst])
-        raise OptionError(
-            f"exact contradicts the Dirichlet data: at the boundary point ({place}) it is {exact[worst]:g}, "
-            f"the data are {g[worst]:g}; pass the exact values as Dirichlet data, or no exact solution"
-        )
+    g = boundary_values(mesh, boundary.tags, problem.dirichlet, rule.faces, rule.points, "dirichlet")
+    require_exact(mesh, problem.exact, rule.points.reshape(-1, mesh.dim), g.ravel())
 
 
 def rule_of(basis: Basis, faces: Int) -> FaceRule:

@@ -12,38 +12,13 @@ from typing import Any, Final
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Float, Int, Mesh, OptionError, frozen_float, frozen_int
+from agglo_core.fields.coefficients import velocity
 from agglo_core.fields.rules import inside
-from agglo_core.fields.values import sample
 from agglo_polydg_mg.forms.boundary import Boundary, rule_of
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule
 from agglo_polydg_mg.space.basis import Basis
 
 _NUMBERS: Final = 4_000_000  # numbers in an array of products at quadrature points
-
-
-def velocity(mesh: Mesh, convection: Any) -> Float | Callable[[Float], Float] | None:
-    """Return b as checked cell values ``(n_cells, d)`` or a callable with values ``(q, d)``, or None for 0.
-
-    Raises
-    ------
-    OptionError
-        For another shape, or values that are not finite, with the cell.
-    """
-    if callable(convection):
-        return lambda points: sample(convection, points, "convection", (mesh.dim,))
-    if not np.any(convection):
-        return None
-    values = frozen_float(convection)
-    if values.shape not in ((mesh.dim,), (mesh.n_cells, mesh.dim)):
-        raise OptionError(
-            f"convection has shape {values.shape}: expected ({mesh.dim},), ({mesh.n_cells}, {mesh.dim}) or a "
-            "callable"
-        )
-    values = np.broadcast_to(values, (mesh.n_cells, mesh.dim))
-    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
-    if len(bad):
-        raise OptionError(f"convection is {values[bad[0]].tolist()} in cell {bad[0]}, not finite")
-    return frozen_float(values)
 
 
 def add_convection(basis: Basis, problem: Diffusion, boundary: Boundary, blocks: Float) -> None:

@@ -10,11 +10,11 @@ import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mesh, frozen_float, frozen_int
 from agglo_core.fields.boundary import boundary_values
-from agglo_core.fields.coefficients import positive
+from agglo_core.fields.coefficients import positive, velocity
 from agglo_core.fields.tensors import Tensor
 from agglo_polydg_mg.forms.assembly import jump_penalty
 from agglo_polydg_mg.forms.boundary import Boundary, boundary_faces, natural_values, robin_alpha
-from agglo_polydg_mg.forms.convection import normal_speed, velocity
+from agglo_polydg_mg.forms.convection import normal_speed
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule, on_both_sides, on_pieces
 from agglo_polydg_mg.forms.norms import offset_of
 from agglo_polydg_mg.forms.penalty import Penalty

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import (
+    Diffusion,
     Float,
     Hierarchy,
     Int,
@@ -24,9 +25,10 @@ from agglo_core.authoring import (
     multigrid,
     solvers,
 )
+from agglo_core.fields.corrections import corrections
 from agglo_polydg_mg.auxiliary.box_transfer import project_between
 from agglo_polydg_mg.auxiliary.transfer import l2_projection
-from agglo_polydg_mg.polydg import PolyDG, corrections
+from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.space.basis import Basis
 
 
@@ -93,6 +95,7 @@ def _columns(vectors: Any) -> Float:
 
 
 def _coarse_matrix(how: PolyDG, problem: Problem, mesh: Mesh, labels: Int, coarse: Mesh) -> Any:
+    assert isinstance(problem, Diffusion)  # PolyDG accepts no other problem
     try:
         return how.assemble(corrections(problem, mesh, labels), coarse).A
     except MeshError as error:  # the mesh itself may work although its agglomerates overlap

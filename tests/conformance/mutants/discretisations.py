@@ -157,6 +157,28 @@ class RefusesAll(PolyDG):
         raise OptionError("there is no such problem")
 
 
+class WeighsResidualsByCoefficient(PolyDG):
+    def residuals(self, problem, mesh, x):
+        squares = super().residuals(problem, mesh, x)
+        return {name: values / float(problem.kappa) ** 2 for name, values in squares.items()}
+
+
+class RootsOfResiduals(PolyDG):
+    def residuals(self, problem, mesh, x):
+        squares = super().residuals(problem, mesh, x)
+        return {name: -np.sqrt(values) for name, values in squares.items()}
+
+
+class IgnoresBoundaryGaps(PolyDG):
+    """Take the values at the boundary for gaps to the data."""
+
+    def residuals(self, problem, mesh, x):
+        squares = super().residuals(problem, mesh, x)
+        return squares | {
+            "jump": squares["jump"] + super().evaluate(mesh, x, mesh.cell_centroids) ** 2 * 1e-9
+        }
+
+
 CORRECT = [(PolyDG, {"deterministic": True, "3d": True, "pickles": True, "patch_test": True})]
 
 MUTANTS = [
@@ -182,4 +204,7 @@ MUTANTS = [
     Mutant("quadrature_fits_values", HalvesWeights, "weights of quadrature sum to"),
     Mutant("quadrature_fits_values", ShufflesPoints, "expected those of evaluate"),
     Mutant("fluxes_balance_source", PointwiseFluxes, "but its source is"),
+    Mutant("residuals_near_error", WeighsResidualsByCoefficient, "with kappa 1000 the residuals"),
+    Mutant("residuals_near_error", RootsOfResiduals, "are not 36 squares"),
+    Mutant("residuals_near_error", IgnoresBoundaryGaps, "the residuals of the exact solution"),
 ]

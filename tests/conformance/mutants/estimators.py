@@ -6,7 +6,8 @@ import numpy as np
 from conformance.mutants.mutant import Mutant
 
 from agglo_core import OptionError
-from agglo_polydg_mg.estimators.components import GradientJump, Hierarchical, Residual
+from agglo_core.adaptivity.estimators import GradientJump, Residual
+from agglo_polydg_mg.estimators.components import Hierarchical
 
 
 class RefusesAll(Residual):

@@ -78,6 +78,18 @@ def test_the_tolerance_is_relative_to_the_energy_and_bounds_the_error() -> None:
     assert not again.steps[-1].errors
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+def test_virtual_elements_are_adapted_with_their_own_estimate(degree: int) -> None:
+    mesh = samples.random_triangles(3000, seed=12)
+    found = agglo.adapt(mesh, FRONT, tolerance=0.5 / degree, degree=degree, discretisation="vem")
+    assert found.reason == "tolerance"
+    for step in found.steps:
+        assert step.converged
+        assert 0.9 < step.estimate / step.errors["energy"] < 4.0
+    fine = agglo.solve(mesh, FRONT, degree=degree, discretisation="vem")
+    assert found.steps[-1].unknowns < 0.6 * len(fine.x)
+
+
 def test_adapts_in_3d() -> None:
     mesh = samples.random_tetrahedra(1500, seed=4)
     found = agglo.adapt(mesh, FRONT, max_unknowns=1200, estimator="gradient_jump")
