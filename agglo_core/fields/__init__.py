@@ -1,8 +1,16 @@
 """Coefficients, boundary data, quadrature and point location on meshes, for discretisations."""
 
-from agglo_core.fields.boundary import BoundaryParts, boundary_parts, boundary_values, require_exact
+from agglo_core.fields.boundary import (
+    BoundaryParts,
+    boundary_parts,
+    boundary_values,
+    natural_values,
+    require_exact,
+    robin_alpha,
+)
 from agglo_core.fields.coefficients import is_zero, nonnegative, positive
 from agglo_core.fields.corrections import corrections
+from agglo_core.fields.floating import Floating, magnitude
 from agglo_core.fields.gauss_points import gauss, simplex_rule
 from agglo_core.fields.location import locate
 from agglo_core.fields.residuals import CellResiduals, Polynomials, cell_residuals, kappa_values, times
@@ -16,6 +24,7 @@ __all__ = [
     "Batch",
     "BoundaryParts",
     "CellResiduals",
+    "Floating",
     "Polynomials",
     "Tensor",
     "boundary_parts",
@@ -28,10 +37,13 @@ __all__ = [
     "is_zero",
     "kappa_values",
     "locate",
+    "magnitude",
+    "natural_values",
     "nonnegative",
     "per_cell",
     "positive",
     "require_exact",
+    "robin_alpha",
     "sample",
     "sample_points",
     "simplex_rule",

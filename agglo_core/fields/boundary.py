@@ -93,6 +93,35 @@ def boundary_values(
     return values
 
 
+def natural_values(mesh: Mesh, tags: Int, problem: Diffusion, faces: Int, points: Float) -> Float:
+    """Evaluate Neumann data and g of Robin data ``(t, q)`` at points on faces, as :func:`boundary_values`."""
+    flux = boundary_values(mesh, tags, problem.neumann, faces, points, "neumann")
+    return flux + boundary_values(mesh, tags, robin_data(problem, 1), faces, points, "robin")
+
+
+def robin_alpha(mesh: Mesh, tags: Int, problem: Diffusion, faces: Int, points: Float) -> Float:
+    """Evaluate α of Robin data ``(t, q)`` at points on faces, 0 without Robin data.
+
+    Raises
+    ------
+    OptionError
+        For a negative value, with tag and face.
+    """
+    alpha = boundary_values(mesh, tags, robin_data(problem, 0), faces, points, "alpha of robin")
+    if alpha.size and alpha.min() < 0.0:
+        piece = int(np.argmin(alpha.min(axis=1)))
+        raise OptionError(
+            f"alpha of robin must not be negative: it is {alpha[piece].min():g} on face {faces[piece]} with "
+            f"tag {tags[faces[piece]]}"
+        )
+    return alpha
+
+
+def robin_data(problem: Diffusion, which: int) -> Mapping[int, Field]:
+    """Return α (0) or g (1) of the Robin data by tag."""
+    return {tag: pair[which] for tag, pair in problem.robin.items()}
+
+
 def require_exact(mesh: Mesh, exact: Callable[[Float], Float], points: Float, data: Float) -> None:
     """Raise OptionError if the exact solution differs from Dirichlet ``data (q,)`` at boundary points.
 

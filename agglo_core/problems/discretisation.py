@@ -152,6 +152,8 @@ class Discretisation(Protocol):
     - ``fixed_unknowns(problem, mesh)``: unknowns ``(m,)`` that Dirichlet data fix; their rows and columns of
       the matrix have the diagonal entry alone. Solvers subtract their values, and add no load to them.
     - ``inner_unknowns(mesh)``: unknowns ``(n_cells, m)`` inside each cell, which solvers eliminate;
+    - ``means(problem, mesh)``: a map from unknowns to those of the mean, constant on components where the
+      solution is determined only up to a constant and 0 elsewhere, or None. Solvers subtract the mean.
     - ``energy(problem, mesh, x)``: the square of the energy norm of the function, without jumps;
     - ``residuals(problem, mesh, x)``: squares by name and cell ``(n_cells,)``, whose sum estimates the square
       of the error in the energy norm: ``cell``, and others on faces. ``oscillation`` is the share of ``cell``

@@ -109,13 +109,13 @@ class FineSystem(NamedTuple):
         if self.offset is not None:
             offset = self._solution_of_problem(self.offset)
             x, lifting = frozen_float(offset + x_rest), Lifting(offset, x_rest, unscaled(self.b, self.factor))
+        if self.condensed is not None:
+            x, A, full, lifting = self.condensed.recover(x), self.condensed.A, self.condensed.b, None
         if self.means is not None:
             means = self.means(x)
             x, full = frozen_float(x - means), frozen_float(full - A @ means)
             if lifting is not None:
                 lifting = replace(lifting, offset=frozen_float(lifting.offset - means))
-        if self.condensed is not None:
-            x, A, full, lifting = self.condensed.recover(x), self.condensed.A, self.condensed.b, None
         discretisation, mesh, problem = self.meaning or (None, None, None)
         return Solution(
             x=x,
@@ -271,6 +271,7 @@ def discretised_system(problem: Problem, mesh: Mesh, how: Any) -> FineSystem:
 
     ``how.fixed_unknowns(problem, mesh)``, if offered, are subtracted as an offset, and
     ``how.inner_unknowns(mesh)`` are eliminated (:class:`~agglo_core.solvers.condensation.Condensation`).
+    ``how.means(problem, mesh)`` is subtracted from the solution.
     Residuals are measured as for linear systems.
     """
     # 1. Assemble, and eliminate unknowns inside the cells
@@ -298,6 +299,7 @@ def discretised_system(problem: Problem, mesh: Mesh, how: Any) -> FineSystem:
         factor,
         meaning=(how, mesh, problem),
         matrix_factor=factor_of_matrix,
+        means=how.means(problem, mesh) if hasattr(how, "means") else None,
         fixed=frozen_int(fixed),
         condensed=condensed,
     )

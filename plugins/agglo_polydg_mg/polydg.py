@@ -31,7 +31,7 @@ from agglo_polydg_mg.forms.assembly import Lifted, discretise_lifted, effective_
 from agglo_polydg_mg.forms.boundary import boundary_faces, largest_alpha, require_consistent
 from agglo_polydg_mg.forms.coefficients import cell_means, reaction_blocks
 from agglo_polydg_mg.forms.convection import mean_speed
-from agglo_polydg_mg.forms.floating import floating_parts, mean_remover
+from agglo_polydg_mg.forms.floating import floating_parts
 from agglo_polydg_mg.forms.fluxes import fluxes
 from agglo_polydg_mg.forms.norms import EnergyNorm, errors
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty, require_penalty
@@ -201,9 +201,8 @@ class PolyDG:
         None if the solution is unique.
         """
         basis = basis or self.basis(mesh)
-        return mean_remover(
-            basis, floating_parts(basis.mesh, boundary_faces(basis.mesh, _diffusion(problem)))
-        )
+        floating = floating_parts(basis, boundary_faces(basis.mesh, _diffusion(problem)))
+        return None if floating is None else floating.means
 
     def matrix_kind(self, problem: Problem, fine: solvers.FineSystem) -> str:
         """Return the kind of matrix, by which solvers recommend multigrid or a direct method."""

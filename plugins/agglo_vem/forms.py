@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
-from agglo_core.authoring import Diffusion, Field, Float, Int, Mask, OptionError, fields
+from agglo_core.authoring import Diffusion, Field, Float, Int, fields, frozen_int
 from agglo_vem.local_spaces import LocalSpaces, Space, Trace
 from agglo_vem.monomials import products
 
@@ -183,50 +183,62 @@ class BoundaryTerms:
         """Functions at quadrature points on Neumann and Robin faces."""
         return self.space.trace(self.parts.natural)
 
-    def data(self, data: Mapping[int, Field], name: str, trace: Trace) -> Float:
-        """Return boundary data at the points of a trace ``(t * q,)``, 0 on faces without them."""
-        mesh = self.space.mesh
-        return fields.boundary_values(mesh, self.parts.tags, data, trace.faces, trace.points, name).ravel()
-
-    def natural_data(self) -> Float:
-        """Return g of Neumann and Robin data at the points of :attr:`trace` ``(t * q,)``."""
-        robin = {tag: pair[1] for tag, pair in self.problem.robin.items()}
-        return self.data(self.problem.neumann, "neumann", self.trace) + self.data(robin, "robin", self.trace)
+    @cached_property
+    def natural(self) -> Float:
+        """Neumann data and g of Robin data at the points of the trace ``(t * q,)``."""
+        where = self.trace.faces, self.trace.points
+        return fields.natural_values(self.space.mesh, self.parts.tags, self.problem, *where).ravel()
 
     @cached_property
     def alpha(self) -> Float:
-        """Coefficient α of Robin data at the points of the trace.
-
-        Raises
-        ------
-        OptionError
-            If it is negative.
-        """
-        data = {tag: pair[0] for tag, pair in self.problem.robin.items()}
-        alpha = self.data(data, "alpha of robin", self.trace)
-        if alpha.size and alpha.min() < 0.0:
-            raise OptionError(f"alpha of robin must not be negative: it is {alpha.min():g}")
-        return alpha
+        """Coefficient α of Robin data at the points of the trace ``(t * q,)``."""
+        where = self.trace.faces, self.trace.points
+        return fields.robin_alpha(self.space.mesh, self.parts.tags, self.problem, *where).ravel()
 
     def matrix(self) -> Any:
         """Return ∫ α u v ``(n, n)``."""
         values = self.trace.values
         return values.T @ (sparse.diags_array(self.trace.weights * self.alpha) @ values)
 
-    def load(self) -> Float:
-        """Return ∫ g v ``(n,)`` of Neumann and Robin data."""
-        return np.asarray(self.trace.values.T @ (self.trace.weights * self.natural_data()))
-
-    def held(self) -> Mask:
-        """Return True for cells whose component has Dirichlet data, a positive α or a positive reaction."""
-        mesh = self.space.mesh
+    @cached_property
+    def floating(self) -> fields.Floating | None:
+        """Components where the solution is determined only up to a constant, None without any."""
+        space, mesh = self.space, self.space.mesh
+        if not len(self.parts.natural):
+            return None
+        # Cells with Dirichlet data, a positive α or a positive reaction
         reaction = fields.nonnegative(mesh, self.problem.reaction)
-        cells = self.space.frames.weighted_means(reaction, 0, "reaction")[:, 0] > 0.0
+        cells = space.frames.weighted_means(reaction, 0, "reaction")[:, 0] > 0.0
         firm = (self.alpha > 0.0).reshape(self.trace.points.shape[:2]).any(axis=1)
-        held = np.concatenate((self.parts.dirichlet, self.trace.faces[firm]))
-        cells[mesh.face_cells[held, 0]] = True
-        component = mesh.graph.components()
-        return np.isin(component, component[cells])
+        cells[mesh.face_cells[np.concatenate((self.parts.dirichlet, self.trace.faces[firm])), 0]] = True
+        # Components of cells with common vertices
+        offsets, vertices = mesh.cell_vertices
+        beside = sparse.csr_array((np.ones(len(vertices)), vertices, offsets), (mesh.n_cells, mesh.n_points))
+        component = connected_components(beside @ beside.T)[1]
+        free = np.setdiff1d(component, component[cells])
+        if not len(free):
+            return None
+        of_unknowns, ones = np.empty(space.n, int), np.ones(space.n)
+        for batch in space.batches():
+            of_unknowns[batch.unknowns] = component[batch.cells][:, None]
+        if space.per_cell:
+            ones[space.n_outer :] = space.frames.means(space.degree - 2).ravel()
+        cells_of, unknowns_of = (
+            [frozen_int(np.flatnonzero(of == k)) for k in free] for of in (component, of_unknowns)
+        )
+        return fields.Floating(mesh, cells_of, unknowns_of, ones, load(space, 1.0))
+
+    def load(self) -> Float:
+        """Return the load ``(n,)`` of source, Neumann and Robin data, balanced on floating components."""
+        space, trace, source = self.space, self.trace, self.problem.source
+        flux = trace.weights * self.natural
+        result: Float = load(space, source) + trace.values.T @ flux
+        if self.floating is None:
+            return result
+        size = np.repeat(space.mesh.face_cells[trace.faces, 0], trace.points.shape[1])
+        sizes = np.bincount(size, np.abs(flux), space.mesh.n_cells)
+        means = space.frames.weighted_means(fields.magnitude(source), 0, "source")[:, 0]
+        return self.floating.balanced(result, sizes + means * space.mesh.cell_measures)
 
 
 def system(terms: BoundaryTerms, stabilisation: str) -> tuple[sparse.csr_array, Float]:
@@ -234,25 +246,26 @@ def system(terms: BoundaryTerms, stabilisation: str) -> tuple[sparse.csr_array, 
 
     Dirichlet unknowns have rows with the diagonal entry alone, so that the matrix remains symmetric.
     """
-    space, problem = terms.space, terms.problem
-    A = LocalForms(space, problem, stabilisation).matrix()
+    space, mesh, problem = terms.space, terms.space.mesh, terms.problem
+    local = LocalForms(space, problem, stabilisation)
+    A = local.matrix()
     if problem.robin:
         A = sparse.csr_array(A + terms.matrix())
+    if terms.floating is not None:
+        held = np.zeros(space.n)
+        for cell, energy in terms.floating.energies(local.mean_kappa):
+            held[space.numbers[mesh.cell_vertices[1][mesh.cell_vertices[0][cell]]]] = energy
+        A = sparse.csr_array(A + sparse.diags_array(held))
     g = np.zeros(space.n)
     g[terms.fixed.unknowns] = terms.fixed.values
     free = np.ones(space.n)
     free[terms.fixed.unknowns] = 0.0
     diagonal = A.diagonal()
-    b = free * (natural_load(terms) - A @ g) + diagonal * g
+    b = free * (terms.load() - A @ g) + diagonal * g
     keep = sparse.diags_array(free)
     A = sparse.csr_array(keep @ A @ keep + sparse.diags_array(diagonal * (1.0 - free)))
     A.eliminate_zeros()
     return A, b
-
-
-def natural_load(terms: BoundaryTerms) -> Float:
-    """Return ∫ f v and the load of Neumann and Robin data ``(n,)``."""
-    return load(terms.space, terms.problem.source) + terms.load()
 
 
 def largest_kappa(space: Space, problem: Diffusion) -> Float:

@@ -69,11 +69,14 @@ def _on_faces(terms: BoundaryTerms, x: Float, function: Projected, reach: Float)
     # 2. Gaps to Neumann and Robin data
     trace = terms.trace
     own, strength = normal_flux(trace, 0)
-    add(flux, trace, 0, (own + terms.alpha * (trace.values @ x) - terms.natural_data()) ** 2 / strength)
+    add(flux, trace, 0, (own + terms.alpha * (trace.values @ x) - terms.natural) ** 2 / strength)
     # 3. Gaps to Dirichlet data, which the solution interpolates at nodes
     trace = space.trace(terms.parts.dirichlet)
     _, strength = normal_flux(trace, 0)
-    gaps = trace.values @ x - terms.data(terms.problem.dirichlet, "dirichlet", trace)
+    given = fields.boundary_values(
+        mesh, terms.parts.tags, terms.problem.dirichlet, trace.faces, trace.points, "dirichlet"
+    )
+    gaps = trace.values @ x - given.ravel()
     sizes = mesh.face_measures[trace.faces] ** (1.0 / (mesh.dim - 1))
     weights = np.repeat(np.pi * space.degree / sizes, trace.points.shape[1])
     add(data, trace, 0, weights * strength * gaps**2)

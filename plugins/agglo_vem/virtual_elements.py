@@ -34,9 +34,8 @@ from agglo_vem.residuals import squared_residuals
 from agglo_vem.transfer import prolongation
 
 _STEP: Final = 1e-4
-"""Step of the differences of the exact solution, relative to w^(1/d) with the weight w of a point.
-
-Points in thin triangles, near the boundary, thus have short steps, which evens out rounding errors."""
+"""Step of the differences of the exact solution at a quadrature point, relative to the root w^(1/d) of its
+weight: steps are short in thin triangles at the boundary, and rounding errors count evenly."""
 _TINY: Final = 1e-16
 """Smallest of these weights, relative to the measure of the cell."""
 
@@ -75,10 +74,7 @@ class VirtualElements:
         return Space(mesh, self.degree)
 
     def check(self, problem: Problem, mesh: Mesh) -> None:
-        """Raise OptionError for convection, degrees above 1 in 3-D, and data that determine no solution.
-
-        Likewise if the exact solution contradicts the Dirichlet data.
-        """
+        """Raise OptionError for convection, degrees above 1 in 3-D, or contradictory data."""
         self._terms(problem, mesh)
 
     def _terms(self, problem: Problem, mesh: Mesh) -> forms.BoundaryTerms:
@@ -90,13 +86,6 @@ class VirtualElements:
             raise OptionError("virtual elements do not discretise convection: use the discretisation polydg")
         terms = forms.BoundaryTerms(self.space(mesh), problem)
         terms.require_consistent()
-        free = np.flatnonzero(~terms.held())
-        if len(free):
-            raise OptionError(
-                f"the component of cell {free[0]} has neither Dirichlet data nor reaction nor Robin data "
-                "with positive alpha, so its solution is determined only up to a constant: use the "
-                "discretisation polydg, or give a Dirichlet value"
-            )
         return terms
 
     def assemble(self, problem: Problem, mesh: Mesh) -> System:
@@ -117,6 +106,11 @@ class VirtualElements:
     def fixed_unknowns(self, problem: Problem, mesh: Mesh) -> Int:
         """Return the unknowns ``(m,)`` on Dirichlet faces."""
         return frozen_int(self._terms(problem, mesh).fixed.unknowns)
+
+    def means(self, problem: Problem, mesh: Mesh) -> Callable[[Float], Float] | None:
+        """Return a map from unknowns to those of the mean on floating components, None without any."""
+        floating = self._terms(problem, mesh).floating
+        return None if floating is None else floating.means
 
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
         """Discretise on the agglomerates, with the means of the coefficients there."""
@@ -223,7 +217,7 @@ class VirtualElements:
     def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:
         """Return the load ``(n,)`` of source, Neumann and Robin data: b without Dirichlet terms."""
         terms = self._terms(problem, mesh)
-        load = forms.natural_load(terms)
+        load = terms.load()
         load[terms.fixed.unknowns] = 0.0
         return load
 

@@ -170,10 +170,46 @@ def test_time_steps_keep_dirichlet_values() -> None:
     assert abs(last.evaluate(np.array([[0.5, 0.5]]))[0] - 1.0 - np.exp(-0.1 * np.pi**2)) < 5e-3
 
 
+@pytest.mark.parametrize("solver", ["direct", "polydg_mg"])
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_neumann_data_alone_give_the_solution_with_mean_zero(degree: int, solver: str) -> None:
+    """On two unit squares, the other with Dirichlet data, and with κ as a tensor."""
+    u, slope, hessian = polynomial(degree)
+    mesh, kappa = samples.disconnected(4), KAPPA[:2, :2]
+    left = mesh.cell_centroids[:, 0] < mesh.cell_centroids[:, 0].mean()
+    mesh = mesh.with_face_tags(boundary=np.where(left[mesh.face_cells[:, 0]], 1, 2))
+    centre = mesh.cell_centroids[left].mean(axis=0)
+
+    def flux(x: Array) -> Array:
+        normals = np.where(np.abs(x - centre) > 0.5 - 1e-9, np.sign(x - centre), 0.0)
+        return np.asarray((slope(x) @ kappa * normals).sum(axis=1))
+
+    problem = Diffusion(
+        kappa, lambda x: -(kappa * hessian(x)).sum(axis=(-2, -1)), dirichlet={2: u}, neumann={1: flux}
+    )
+    solution = agglo.solve(mesh, problem, solver, discretisation="vem", degree=degree, tolerance=1e-10)
+    assert solution.converged
+    how = VirtualElements(degree)
+    assert abs(how.integrals(mesh, solution.x)[left].sum()) < 1e-9
+    gaps = solution.evaluate(mesh.cell_centroids) - u(mesh.cell_centroids)
+    assert np.ptp(gaps[left]) < 1e-7
+    assert np.abs(gaps[~left]).max() < 1e-7
+    assert np.abs(solution.b - solution.A @ solution.x).max() < 1e-7
+
+
+def test_components_that_touch_in_a_vertex_share_their_constant() -> None:
+    points = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (2, 1), (2, 2), (1, 2)], float)
+    mesh = Mesh.from_polygons(points, [[0, 1, 2, 3], [2, 4, 5, 6]])
+    problem = Diffusion(source=0.0, neumann={0: lambda x: np.where(x.sum(axis=1) < 2.0, -1.0, 1.0)})
+    x = agglo.solve(mesh, problem, "direct", discretisation="vem").x
+    assert abs(VirtualElements().integrals(mesh, x).sum()) < 1e-12
+    assert np.ptp(x) > 0.5
+
+
 def test_problems_without_a_unique_solution_are_refused() -> None:
     mesh = samples.squares(3)
     for problem, words in (
-        (Diffusion(source=0.0, neumann={0: 0.0}), "up to a constant"),
+        (Diffusion(source=1.0, neumann={0: 0.5}), "they integrate to 3, their magnitudes to 3"),
         (Diffusion(convection=[1.0, 0.0]), "convection"),
         (Diffusion(kappa=-1.0), "positive"),
         (Diffusion(robin={0: (-1.0, 0.0)}), "negative"),

@@ -131,7 +131,7 @@ def discretise_lifted(
     # 2. Penalty and matrix
     A, sigma = kept or _matrix_and_penalty(basis, problem, boundary, penalty, kappa, units)
     # 3. Load and Dirichlet data
-    parts = floating_parts(mesh, boundary)
+    parts = floating_parts(basis, boundary)
     loads = load(basis, problem).reshape(mesh.n_cells, -1)
     loads = balanced(basis, problem, boundary, parts, loads)
     g = dirichlet_values(basis, problem, boundary)
@@ -174,7 +174,7 @@ def _matrix_and_penalty(
     robin = robin_terms(basis, problem, boundary)
     if robin is not None:
         robin.add_to(A.data, basis.pattern[2])
-    hold(basis, kappa, floating_parts(mesh, boundary), A.data, basis.pattern[2])
+    hold(basis, kappa, floating_parts(basis, boundary), A.data, basis.pattern[2])
     add_convection(basis, problem, boundary, A.data)
     return A, sigma
 

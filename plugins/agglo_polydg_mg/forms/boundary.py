@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from agglo_core.authoring import (
     Diffusion,
-    Field,
     Float,
     Int,
     Mask,
@@ -18,7 +17,14 @@ from agglo_core.authoring import (
     frozen_float,
     frozen_int,
 )
-from agglo_core.fields.boundary import boundary_parts, boundary_values, require_exact
+from agglo_core.fields.boundary import (
+    boundary_parts,
+    boundary_values,
+    natural_values,
+    require_exact,
+    robin_alpha,
+    robin_data,
+)
 from agglo_core.fields.coefficients import is_zero, nonnegative
 from agglo_polydg_mg.forms.coefficients import cell_means
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, OnFaces, face_rule, on_pieces
@@ -87,7 +93,7 @@ def _are_held(mesh: Mesh, components: Int, problem: Diffusion, boundary: Boundar
     if kinds.whole:
         cells = cell_means(mesh, nonnegative(mesh, problem.reaction), "reaction") > 0
         rule = face_rule(mesh, boundary.natural, 3)
-        alpha = robin_alpha(mesh, boundary, problem, rule)
+        alpha = robin_alpha(mesh, boundary.tags, problem, rule.faces, rule.points)
         cells[mesh.face_cells[rule.faces[(alpha > 0).any(axis=1)], 0]] = True
         component = mesh.graph.components()
         return np.isin(component[components], component[cells])
@@ -183,51 +189,24 @@ def dirichlet_load(
 def natural_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
     """Return the right-hand side ``(n_cells, n_local)`` for Neumann and Robin data: ∫ g v."""
     rule = rule_of(basis, boundary.natural)
-    g = natural_values(basis.mesh, boundary, problem, rule)
+    g = natural_values(basis.mesh, boundary.tags, problem, rule.faces, rule.points)
     return _sum_per_cell(basis, rule.faces, rule.weights * g, _traces(basis, rule))
-
-
-def natural_values(mesh: Mesh, boundary: Boundary, problem: Diffusion, rule: FaceRule) -> Float:
-    """Evaluate Neumann data and g of Robin data ``(t, q)`` at the points of a rule on natural faces."""
-    g: Float = boundary_values(mesh, boundary.tags, problem.neumann, rule.faces, rule.points, "neumann")
-    robin: Float = boundary_values(
-        mesh, boundary.tags, _second(problem.robin), rule.faces, rule.points, "robin"
-    )
-    return np.asarray(g + robin)
 
 
 def natural_sizes(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
     """Return the integral of |g| over the Neumann and Robin faces of each cell ``(n_cells,)``."""
     mesh, rule = basis.mesh, rule_of(basis, boundary.natural)
-    sizes = np.abs(rule.weights * natural_values(mesh, boundary, problem, rule)).sum(axis=1)
+    sizes = np.abs(rule.weights * natural_values(mesh, boundary.tags, problem, rule.faces, rule.points)).sum(
+        axis=1
+    )
     return frozen_float(np.bincount(mesh.face_cells[rule.faces, 0], sizes, mesh.n_cells))
-
-
-def robin_alpha(mesh: Mesh, boundary: Boundary, problem: Diffusion, rule: FaceRule) -> Float:
-    """Evaluate α ``(t, q)`` at the points of a rule on natural faces, 0 without Robin data.
-
-    Raises
-    ------
-    OptionError
-        For a negative value, with tag and face.
-    """
-    of_tags = {tag: alpha for tag, (alpha, _) in problem.robin.items()}
-    alpha = boundary_values(mesh, boundary.tags, of_tags, rule.faces, rule.points, "alpha of robin")
-    if alpha.size and alpha.min() < 0.0:
-        piece = int(np.argmin(alpha.min(axis=1)))
-        face = rule.faces[piece]
-        raise OptionError(
-            f"alpha of robin must not be negative: it is {alpha[piece].min():g} on face {face} with tag "
-            f"{boundary.tags[face]}"
-        )
-    return alpha
 
 
 def largest_alpha(mesh: Mesh, problem: Diffusion) -> Float:
     """Return the largest α on the faces of each cell ``(n_cells,)``, 0 without Robin data."""
     boundary, largest = boundary_faces(mesh, problem), np.zeros(mesh.n_cells)
     rule = face_rule(mesh, boundary.natural, 2)
-    alpha = robin_alpha(mesh, boundary, problem, rule)
+    alpha = robin_alpha(mesh, boundary.tags, problem, rule.faces, rule.points)
     np.maximum.at(largest, mesh.face_cells[rule.faces, 0], alpha.max(axis=1, initial=0.0))
     return largest
 
@@ -269,16 +248,12 @@ def robin_terms(basis: Basis, problem: Diffusion, boundary: Boundary) -> RobinTe
     mesh = basis.mesh
     faces = frozen_int(boundary.natural[np.isin(boundary.tags[boundary.natural], list(problem.robin))])
     rule = rule_of(basis, faces)
-    alpha = robin_alpha(mesh, boundary, problem, rule)
-    g = boundary_values(mesh, boundary.tags, _second(problem.robin), rule.faces, rule.points, "robin")
+    alpha = robin_alpha(mesh, boundary.tags, problem, rule.faces, rule.points)
+    g = boundary_values(mesh, boundary.tags, robin_data(problem, 1), rule.faces, rule.points, "robin")
     targets = np.divide(g, alpha, out=np.zeros_like(g), where=alpha > 0)
     return RobinTerms(
         frozen_int(mesh.face_cells[rule.faces, 0]), _traces(basis, rule), rule.weights * alpha, targets
     )
-
-
-def _second(pairs: Mapping[int, tuple[Field, Field]]) -> Mapping[int, Field]:
-    return {tag: value for tag, (_, value) in pairs.items()}
 
 
 def _traces(basis: Basis, rule: FaceRule) -> Float:

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mesh, frozen_float, frozen_int
-from agglo_core.fields.boundary import boundary_values
+from agglo_core.fields.boundary import boundary_values, natural_values, robin_alpha
 from agglo_core.fields.coefficients import positive, velocity
 from agglo_core.fields.tensors import Tensor
 from agglo_polydg_mg.forms.assembly import jump_penalty
-from agglo_polydg_mg.forms.boundary import Boundary, boundary_faces, natural_values, robin_alpha
+from agglo_polydg_mg.forms.boundary import Boundary, boundary_faces
 from agglo_polydg_mg.forms.convection import normal_speed
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule, on_both_sides, on_pieces
 from agglo_polydg_mg.forms.norms import offset_of
@@ -186,8 +186,8 @@ def natural_fluxes(state: State, mesh: Mesh, boundary: Boundary, traces: Traces)
     """Return α u − g ``(k, q)`` on the pieces with natural data."""
     part = traces.rule.part(traces.free)
     u = traces.values[traces.free] + state.offset[mesh.face_cells[part.faces, 0], None]
-    alpha = robin_alpha(mesh, boundary, state.problem, part)
-    return alpha * u - natural_values(mesh, boundary, state.problem, part)
+    alpha = robin_alpha(mesh, boundary.tags, state.problem, part.faces, part.points)
+    return alpha * u - natural_values(mesh, boundary.tags, state.problem, part.faces, part.points)
 
 
 def _traces(state: State, cells: Int, points: Float, directions: Float) -> tuple[Float, Float]:
