@@ -1,5 +1,6 @@
 """Coefficients, boundary data, quadrature and point location on meshes, for discretisations."""
 
+from agglo_core.fields.assembly import fix_unknowns, sum_blocks
 from agglo_core.fields.boundary import (
     BoundaryParts,
     boundary_parts,
@@ -10,6 +11,7 @@ from agglo_core.fields.boundary import (
 )
 from agglo_core.fields.coefficients import is_zero, nonnegative, positive
 from agglo_core.fields.corrections import corrections
+from agglo_core.fields.errors import error_norms
 from agglo_core.fields.floating import Floating, magnitude
 from agglo_core.fields.gauss_points import gauss, simplex_rule
 from agglo_core.fields.location import locate
@@ -18,7 +20,7 @@ from agglo_core.fields.rules import Batch, inside
 from agglo_core.fields.sampling import sample_points
 from agglo_core.fields.simplices import triangles_of_faces
 from agglo_core.fields.tensors import Tensor
-from agglo_core.fields.values import central_differences, per_cell, sample
+from agglo_core.fields.values import per_cell, sample
 
 __all__ = [
     "Batch",
@@ -30,8 +32,9 @@ __all__ = [
     "boundary_parts",
     "boundary_values",
     "cell_residuals",
-    "central_differences",
     "corrections",
+    "error_norms",
+    "fix_unknowns",
     "gauss",
     "inside",
     "is_zero",
@@ -47,6 +50,7 @@ __all__ = [
     "sample",
     "sample_points",
     "simplex_rule",
+    "sum_blocks",
     "times",
     "triangles_of_faces",
 ]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -15,24 +15,6 @@ from agglo_vem.local_spaces import LocalSpaces, Space, Trace
 from agglo_vem.monomials import products
 
 STABILISATIONS = ("dofi", "d-recipe")
-
-
-class _Entries:
-    """Sum of local matrices, as triples of row, column and value."""
-
-    def __init__(self, n: int) -> None:
-        self._n, self._parts = n, list[tuple[Int, Int, Float]]()
-
-    def add(self, unknowns: Int, blocks: Float) -> None:
-        """Add symmetric blocks ``(c, N, N)`` of cells with ``unknowns (c, N)``."""
-        rows = np.broadcast_to(unknowns[:, :, None], blocks.shape).ravel()
-        columns = np.broadcast_to(unknowns[:, None], blocks.shape).ravel()
-        self._parts.append((rows, columns, (0.5 * (blocks + blocks.transpose(0, 2, 1))).ravel()))
-
-    def matrix(self) -> sparse.csr_array:
-        """Return the sum ``(n, n)``."""
-        rows, columns, values = (np.concatenate(parts) for parts in zip(*self._parts, strict=True))
-        return sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=(self._n, self._n)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,18 +85,23 @@ class LocalForms:
 
     def matrix(self) -> sparse.csr_array:
         """Return the matrix ``(n, n)`` without boundary terms."""
-        entries = _Entries(self.space.n)
-        for batch in self.space.batches():
-            entries.add(batch.unknowns, np.add(*self.blocks(batch)))
-        return entries.matrix()
+        return _assembled(self.space, lambda batch: np.add(*self.blocks(batch)))
+
+
+def _assembled(space: Space, blocks: Callable[[LocalSpaces], Float]) -> sparse.csr_array:
+    """Return the sum ``(n, n)`` of local matrices, symmetric in spite of rounding."""
+
+    def symmetric(batch: LocalSpaces) -> tuple[Int, Int, Float]:
+        own = blocks(batch)
+        return batch.unknowns, batch.unknowns, 0.5 * (own + own.transpose(0, 2, 1))
+
+    return fields.sum_blocks((space.n, space.n), map(symmetric, space.batches()))
 
 
 def mass(space: Space) -> sparse.csr_array:
     """Return the mass matrix ``(n, n)``."""
-    entries, local = _Entries(space.n), LocalForms(space, Diffusion(reaction=1.0), "dofi")
-    for batch in space.batches():
-        entries.add(batch.unknowns, np.add(*local.mass(batch)))
-    return entries.matrix()
+    local = LocalForms(space, Diffusion(reaction=1.0), "dofi")
+    return _assembled(space, lambda batch: np.add(*local.mass(batch)))
 
 
 def load(space: Space, source: Field) -> Float:
@@ -125,13 +112,6 @@ def load(space: Space, source: Field) -> Float:
         values = np.einsum("cm,cmn->cn", means[batch.cells], batch.l2)
         result += np.bincount(batch.unknowns.ravel(), values.ravel(), space.n)
     return result
-
-
-class Fixed(NamedTuple):
-    """Unknowns ``(f,)`` on Dirichlet faces, and the data there."""
-
-    unknowns: Int
-    values: Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +127,7 @@ class BoundaryTerms:
         return fields.boundary_parts(self.space.mesh, self.problem)
 
     @cached_property
-    def fixed(self) -> Fixed:
+    def fixed(self) -> tuple[Int, Float]:
         """Unknowns on Dirichlet faces with their values: means of the data of the faces at a node."""
         space, mesh, faces = self.space, self.space.mesh, self.parts.dirichlet
         if mesh.dim == 2:
@@ -164,7 +144,7 @@ class BoundaryTerms:
         counts = np.bincount(nodes.ravel(), minlength=space.n_outer)
         sums = np.bincount(nodes.ravel(), data.ravel(), space.n_outer)
         unknowns = np.flatnonzero(counts)
-        return Fixed(unknowns, sums[unknowns] / counts[unknowns])
+        return unknowns, sums[unknowns] / counts[unknowns]
 
     def require_consistent(self) -> None:
         """Raise OptionError if the exact solution differs from the Dirichlet data at a node.
@@ -194,11 +174,6 @@ class BoundaryTerms:
         """Coefficient α of Robin data at the points of the trace ``(t * q,)``."""
         where = self.trace.faces, self.trace.points
         return fields.robin_alpha(self.space.mesh, self.parts.tags, self.problem, *where).ravel()
-
-    def matrix(self) -> Any:
-        """Return ∫ α u v ``(n, n)``."""
-        values = self.trace.values
-        return values.T @ (sparse.diags_array(self.trace.weights * self.alpha) @ values)
 
     @cached_property
     def floating(self) -> fields.Floating | None:
@@ -250,27 +225,11 @@ def system(terms: BoundaryTerms, stabilisation: str) -> tuple[sparse.csr_array, 
     local = LocalForms(space, problem, stabilisation)
     A = local.matrix()
     if problem.robin:
-        A = sparse.csr_array(A + terms.matrix())
+        values, weights = terms.trace.values, terms.trace.weights * terms.alpha
+        A = sparse.csr_array(A + values.T @ (sparse.diags_array(weights) @ values))
     if terms.floating is not None:
         held = np.zeros(space.n)
         for cell, energy in terms.floating.energies(local.mean_kappa):
             held[space.numbers[mesh.cell_vertices[1][mesh.cell_vertices[0][cell]]]] = energy
         A = sparse.csr_array(A + sparse.diags_array(held))
-    g = np.zeros(space.n)
-    g[terms.fixed.unknowns] = terms.fixed.values
-    free = np.ones(space.n)
-    free[terms.fixed.unknowns] = 0.0
-    diagonal = A.diagonal()
-    b = free * (terms.load() - A @ g) + diagonal * g
-    keep = sparse.diags_array(free)
-    A = sparse.csr_array(keep @ A @ keep + sparse.diags_array(diagonal * (1.0 - free)))
-    A.eliminate_zeros()
-    return A, b
-
-
-def largest_kappa(space: Space, problem: Diffusion) -> Float:
-    """Return the largest mean of κ in the cells at each unknown ``(n,)``."""
-    result, means = np.zeros(space.n), LocalForms(space, problem, "dofi").mean_kappa
-    for batch in space.batches():
-        np.maximum.at(result, batch.unknowns, means[batch.cells][:, None])
-    return result
+    return fields.fix_unknowns(A, terms.load(), *terms.fixed)

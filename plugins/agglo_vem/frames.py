@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,7 @@ _EXTRA: Final = 4
 """Additional degree of quadrature rules for callables."""
 
 
-@dataclass(frozen=True)
-class Corners:
+class Corners(NamedTuple):
     """Corners of the polygons, loop by loop, in the order of ``mesh.boundary_loops``.
 
     A vertex that several loops of a cell visit is a corner of each.
@@ -27,26 +26,14 @@ class Corners:
     Attributes
     ----------
     offsets : (n_cells + 1,) int
-    vertices, following : (c,) int
-        Point of each corner, and number of the next corner of its loop.
+    cells, vertices, following : (c,) int
+        Cell and point of each corner, and number of the next corner of its loop.
     """
 
     offsets: Int
+    cells: Int
     vertices: Int
     following: Int
-
-    @classmethod
-    def of(cls, mesh: Mesh) -> Corners:
-        """Return the corners of a 2-D mesh."""
-        loops = mesh.boundary_loops
-        following = np.arange(1, len(loops.vertices) + 1)
-        following[loops.loop_offsets[1:] - 1] = loops.loop_offsets[:-1]
-        return cls(loops.loop_offsets[loops.cell_offsets], loops.vertices, following)
-
-    @property
-    def cells(self) -> Int:
-        """Cell of each corner."""
-        return np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +48,12 @@ class Frames:
     @cached_property
     def corners(self) -> Corners:
         """Corners of the polygons."""
-        return Corners.of(self.mesh)
+        loops = self.mesh.boundary_loops
+        offsets = loops.loop_offsets[loops.cell_offsets]
+        following = np.arange(1, len(loops.vertices) + 1)
+        following[loops.loop_offsets[1:] - 1] = loops.loop_offsets[:-1]
+        cells = np.repeat(np.arange(self.mesh.n_cells), np.diff(offsets))
+        return Corners(offsets, cells, loops.vertices, following)
 
     @cached_property
     def maps(self) -> Float:
@@ -112,7 +104,7 @@ class Frames:
             return np.asarray(kappa.field[..., None] * self.means(degree)[:, None, None])
         entries = np.empty((mesh.n_cells, dim, dim, count(degree, dim)))
         for i, j in zip(*np.triu_indices(dim), strict=True):
-            entry = partial(_entry, kappa, int(i), int(j))
+            entry = partial(lambda i, j, points: frozen_float(kappa.at(points, None)[:, i, j]), i, j)
             entries[:, i, j] = entries[:, j, i] = self.weighted_means(entry, degree, "kappa")
         return entries
 
@@ -148,8 +140,3 @@ class Frames:
             stop = batch.first + len(batch.offsets) - 1
             sums[batch.first : stop] = np.add.reduceat(weights[:, None] * values, batch.offsets[:-1])
         return np.asarray(sums / mesh.cell_measures[:, None])
-
-
-def _entry(kappa: fields.Tensor, i: int, j: int, points: Float) -> Float:
-    """Return one entry of a tensor at points ``(q,)``."""
-    return frozen_float(kappa.at(points, None)[:, i, j])

@@ -203,51 +203,54 @@ class Space:
 
     # -- polyhedra ---------------------------------------------------------------------------------
     @cached_property
-    def _fans(self) -> tuple[Int, Int, sparse.csr_array]:
+    def _fans(self) -> tuple[Int, sparse.csr_array, Float]:
         """Triangles between the edges of each face and the mean of its vertices.
 
-        Returns their faces ``(t,)``, the ends of their edges ``(t, 2)``, and the weights
-        ``(n_faces, n_points)`` of the means.
+        Returns their faces ``(t,)``, the values at their corners ``(3 t, n_points)``, by those at the points,
+        and the corners ``(t, 3, 3)``, relative to the mesh origin.
         """
         mesh, sizes = self.mesh, np.diff(self.mesh.face_offsets)
-        faces = np.repeat(np.arange(mesh.n_faces), sizes)
-        onward = np.arange(1, len(mesh.face_vertices) + 1)
+        faces, t = np.repeat(np.arange(mesh.n_faces), sizes), len(mesh.face_vertices)
+        onward = np.arange(1, t + 1)
         onward[mesh.face_offsets[1:] - 1] = mesh.face_offsets[:-1]
-        ends = np.stack((mesh.face_vertices, mesh.face_vertices[onward]), axis=1)
         means = sparse.csr_array(
             (1.0 / sizes[faces], mesh.face_vertices, mesh.face_offsets), shape=(mesh.n_faces, mesh.n_points)
         )
-        return faces, ends, means
+        starts = sparse.csr_array(
+            (np.ones(t), mesh.face_vertices, np.arange(t + 1)), shape=(t, mesh.n_points)
+        )
+        order = np.arange(3 * t).reshape(3, t).T.ravel()
+        corners = sparse.csr_array(sparse.vstack((starts, starts[onward], means[faces])))[order]
+        return faces, corners, (corners @ mesh.local_points).reshape(t, 3, 3)
 
     @cached_property
     def _fluxes(self) -> Float:
-        """Vectors ∮ φ n ``(v, 3)`` of each vertex of each cell, in the order of ``mesh.cell_vertices``."""
+        """Vectors ∮ φ n ``(v, 3)`` of each vertex of each cell by its volume, as ``mesh.cell_vertices``."""
         mesh = self.mesh
-        faces, ends, means = self._fans
-        points = mesh.local_points
-        middle = means @ points
-        a, b = points[ends[:, 0]] - middle[faces], points[ends[:, 1]] - middle[faces]
-        thirds = np.cross(a, b) / 6.0
-        # Weights of each vertex in ∫ v n over its face: its two triangles, and its share of the mean.
-        total = np.stack([np.bincount(faces, column, mesh.n_faces) for column in thirds.T], axis=1)
-        of_start = thirds + total[faces] / np.diff(mesh.face_offsets)[faces, None]
-        onward = np.arange(1, len(faces) + 1)
-        onward[mesh.face_offsets[1:] - 1] = mesh.face_offsets[:-1]
-        of_start[onward] += thirds
-        # Sum over the faces of each cell.
+        faces, corners, (a, b, c) = self._fans[0], self._fans[1], self._fans[2].transpose(1, 0, 2)
+        vectors, means = (
+            np.cross(a - c, b - c) / 2.0,
+            sparse.kron(sparse.eye_array(len(faces)), [[1 / 3] * 3]),
+        )
         offsets, vertices = mesh.cell_vertices
         cells = np.repeat(np.arange(mesh.n_cells), np.diff(offsets))
-        keys = cells * mesh.n_points + vertices
-        order = np.argsort(keys)
-        vectors = np.zeros((len(keys), 3))
-        for side, sign in ((0, 1.0), (1, -1.0)):
-            cell = mesh.face_cells[faces, side]
-            within = cell >= 0
-            places = order[np.searchsorted(keys[order], (cell * mesh.n_points + mesh.face_vertices)[within])]
-            np.add.at(vectors, places, sign * of_start[within])
+        # Sums over the triangles around each cell, outward
+        side, triangle = np.nonzero(mesh.face_cells[faces].T >= 0)
+        around = sparse.csr_array(
+            (1.0 - 2.0 * side, (mesh.face_cells[faces[triangle], side], triangle)),
+            shape=(mesh.n_cells, len(faces)),
+        )
+        of_points = sparse.csr_array(means @ corners)
+        found = np.stack(
+            [
+                sparse.csr_array(around @ (sparse.diags_array(axis) @ of_points))[cells, vertices]
+                for axis in vectors.T
+            ],
+            axis=1,
+        )
         # Linear functions have their exact gradients, also on faces that are not plane.
-        volumes = np.bincount(cells, (vectors * points[vertices]).sum(axis=1), mesh.n_cells) / 3.0
-        return vectors / volumes[cells, None]
+        volumes = np.bincount(cells, (found * mesh.local_points[vertices]).sum(axis=1), mesh.n_cells) / 3.0
+        return found / volumes[cells, None]
 
     def _of_polyhedra(self, cells: Int, size: int) -> LocalSpaces:
         offsets, vertices = self.mesh.cell_vertices
@@ -320,22 +323,14 @@ class Space:
             )
             pieces = faces
         else:
-            of_faces, ends_of, means = self._fans
-            chosen = np.flatnonzero(np.isin(of_faces, faces))
-            pieces, pairs = of_faces[chosen], ends_of[chosen]
+            of_faces, values, triangles = self._fans
+            chosen = np.isin(of_faces, faces)
+            pieces, triangles = frozen_int(of_faces[chosen]), triangles[chosen]
             reference, weights = fields.simplex_rule(2, 3)
             shapes = np.concatenate((1.0 - reference.sum(axis=1, keepdims=True), reference), axis=1)
-            middle = (means @ mesh.local_points)[pieces]
-            corner_points = np.stack((*mesh.local_points[pairs.T], middle), axis=1)
-            points = shapes @ corner_points
-            normals = np.cross(corner_points[:, 1] - middle, corner_points[:, 0] - middle)
+            points = shapes @ triangles
+            normals = np.cross(triangles[:, 0] - triangles[:, 2], triangles[:, 1] - triangles[:, 2])
             sizes = np.linalg.norm(normals, axis=1)[:, None] * weights
-            picked = sparse.csr_array(
-                (np.ones(pairs.size), (np.arange(pairs.size), pairs.ravel())),
-                shape=(pairs.size, mesh.n_points),
-            )
-            rows = np.arange(len(pairs))
-            order = np.stack((2 * rows, 2 * rows + 1, 2 * len(rows) + rows), axis=1).ravel()
-            nodal = sparse.csr_array(sparse.vstack((picked, means[pieces])))[order][:, self.vertices]
+            nodal = sparse.csr_array(values[np.repeat(chosen, 3)][:, self.vertices])
         blocks = sparse.kron(sparse.eye_array(len(pieces)), shapes, format="csr")
         return Trace(pieces, points, sizes.ravel(), sparse.csr_array(blocks @ nodal))

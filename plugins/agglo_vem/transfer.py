@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Float, Int, Mask, Mesh, fields
+from agglo_core.authoring import Float, Int, Mesh, fields
 from agglo_vem.local_spaces import Space
-from agglo_vem.monomials import monomials
+from agglo_vem.monomials import count, exponents, monomials
 
 
 def prolongation(mesh: Mesh, labels: Int, degree: int) -> sparse.csr_array:
-    """Return the matrix ``(n_fine, n_coarse)`` that injects functions on agglomerates into the fine space.
+    """Return the injection ``(n_fine, n_coarse)`` of functions on agglomerates ``labels (n_cells,)``.
 
     On edges between agglomerates both spaces have equal unknowns. Inside an agglomerate the function is
     replaced by its L2 projection, so that polynomials of the degree are kept.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    labels : (n_cells,) int
-        Agglomerate of each cell.
-    degree : int
     """
     labels = np.asarray(labels)
     fine, coarse = Space(mesh, degree), Space(mesh.coarsen(labels), degree)
@@ -36,56 +31,39 @@ def prolongation(mesh: Mesh, labels: Int, degree: int) -> sparse.csr_array:
         nodes[turned] = nodes[turned, ::-1]
         same[nodes] = coarse.edge_nodes
     equal = np.flatnonzero(same >= 0)
-    shape = fine.n, coarse.n
-    copied = sparse.csr_array((np.ones(len(equal)), (equal, same[equal])), shape=shape)
-    # 2. Fine unknowns of the polynomials on each agglomerate
-    return sparse.csr_array(copied + _of_polynomials(fine, coarse, labels, same < 0) @ _projections(coarse))
+    copied = sparse.csr_array((np.ones(len(equal)), (equal, same[equal])), shape=(fine.n, coarse.n))
+    # 2. Other unknowns: those of the polynomials on each agglomerate, equal in all cells around
+    changes, m = _changed_basis(fine, coarse, labels), count(degree, mesh.dim)
+
+    def columns(cells: Int) -> Int:
+        return cells[:, None] * m + np.arange(m)
+
+    polynomials = fields.sum_blocks(
+        (fine.n, coarse.mesh.n_cells * m),
+        (
+            (each.unknowns, columns(labels[each.cells]), each.of_polynomials @ changes[each.cells])
+            for each in fine.batches()
+        ),
+    )
+    projections = fields.sum_blocks(
+        (coarse.mesh.n_cells * m, coarse.n),
+        ((columns(each.cells), each.unknowns, each.l2) for each in coarse.batches()),
+    )
+    around = np.concatenate([each.unknowns.ravel() for each in fine.batches()])
+    weights = 1.0 / np.bincount(around, minlength=fine.n)
+    weights[equal] = 0.0
+    return sparse.csr_array(copied + sparse.diags_array(weights) @ polynomials @ projections)
 
 
-def _projections(space: Space) -> sparse.csr_array:
-    """Return the map ``(n_cells * m, n)`` from unknowns to the coefficients of the L2 projections."""
-    rows, columns, values = [], [], []
-    for batch in space.batches():
-        m = batch.l2.shape[1]
-        row = (batch.cells[:, None] * m + np.arange(m))[:, :, None]
-        rows.append(np.broadcast_to(row, batch.l2.shape).ravel())
-        columns.append(np.broadcast_to(batch.unknowns[:, None], batch.l2.shape).ravel())
-        values.append(batch.l2.ravel())
-    parts = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-    return sparse.csr_array(sparse.coo_array(parts, shape=(space.mesh.n_cells * m, space.n)))
+def _changed_basis(fine: Space, coarse: Space, labels: Int) -> Float:
+    """Return matrices ``(n_cells, m, m)`` from monomials on the agglomerates to those on their cells.
 
-
-def _of_polynomials(fine: Space, coarse: Space, labels: Int, inside: Mask) -> sparse.csr_array:
-    """Return the fine unknowns ``(n_fine, n_coarse_cells * m)`` of polynomials on the agglomerates.
-
-    Outer unknowns count where ``inside (n_outer,)``.
+    The coefficients interpolate at as many points.
     """
-    mesh, k = fine.mesh, fine.degree
-    shift = mesh.origin - coarse.mesh.origin
-    # Any cell at an unknown inside an agglomerate belongs to it.
-    cell_of = np.full(fine.n_outer, -1)
-    for batch in fine.batches():
-        outer = batch.unknowns[:, : batch.unknowns.shape[1] - fine.per_cell]
-        cell_of[outer] = batch.cells[:, None]
-    nodes = np.flatnonzero(inside)
-    parts = labels[cell_of[nodes]]
-    blocks: list[tuple[Int, Int, Float]] = [
-        (nodes, parts, monomials(coarse.frames.coordinates(parts, fine.node_points[nodes] + shift), k))
-    ]
-    # Moments: means over the cell of polynomials times monomials of the cell
-    if fine.per_cell:
-        sums = np.zeros((mesh.n_cells, fine.per_cell, blocks[0][2].shape[1]))
-        for rule in fields.inside(mesh, 2 * k - 2):
-            own = monomials(fine.frames.coordinates(rule.cells, rule.points), k - 2) * rule.weights[:, None]
-            others = coarse.frames.coordinates(labels[rule.cells], rule.points + shift)
-            products = own[:, :, None] * monomials(others, k)[:, None]
-            stop = rule.first + len(rule.offsets) - 1
-            sums[rule.first : stop] = np.add.reduceat(products, rule.offsets[:-1])
-        sums /= mesh.cell_measures[:, None, None]
-        unknowns = fine.inner(np.arange(mesh.n_cells))
-        blocks.append((unknowns.ravel(), np.repeat(labels, fine.per_cell), sums.reshape(-1, sums.shape[2])))
-    rows, cells, values = (np.concatenate(column) for column in zip(*blocks, strict=True))
-    m = values.shape[1]
-    columns = cells[:, None] * m + np.arange(m)
-    entries = (values.ravel(), (np.repeat(rows, m), columns.ravel()))
-    return sparse.csr_array(sparse.coo_array(entries, shape=(fine.n, coarse.mesh.n_cells * m)))
+    k, mesh, frames = fine.degree, fine.mesh, fine.frames
+    lattice: Any = exponents(k, mesh.dim) - k / (mesh.dim + 1.0)
+    points = lattice @ np.linalg.inv(frames.maps).transpose(0, 2, 1)
+    points = points + mesh.local_centroids[:, None] + (mesh.origin - coarse.mesh.origin)
+    local = coarse.frames.coordinates(np.repeat(labels, len(lattice)), points.reshape(-1, mesh.dim))
+    values = monomials(local, k).reshape(mesh.n_cells, len(lattice), -1)
+    return np.asarray(np.linalg.solve(monomials(lattice, k), values))

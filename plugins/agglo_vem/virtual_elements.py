@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy import sparse
@@ -33,12 +32,6 @@ from agglo_vem.projections import AtPoints, Projected
 from agglo_vem.residuals import squared_residuals
 from agglo_vem.transfer import prolongation
 
-_STEP: Final = 1e-4
-"""Step of the differences of the exact solution at a quadrature point, relative to the root w^(1/d) of its
-weight: steps are short in thin triangles at the boundary, and rounding errors count evenly."""
-_TINY: Final = 1e-16
-"""Smallest of these weights, relative to the measure of the cell."""
-
 
 @dataclass(frozen=True)
 class VirtualElements:
@@ -52,7 +45,7 @@ class VirtualElements:
     degree : int
         Polynomial degree, 1..3; in 3-D 1.
     stabilisation : "dofi" or "d-recipe"
-        See :func:`~agglo_vem.forms.stiffness`.
+        See :meth:`~agglo_vem.forms.LocalForms.stiffness`.
 
     Raises
     ------
@@ -105,7 +98,7 @@ class VirtualElements:
 
     def fixed_unknowns(self, problem: Problem, mesh: Mesh) -> Int:
         """Return the unknowns ``(m,)`` on Dirichlet faces."""
-        return frozen_int(self._terms(problem, mesh).fixed.unknowns)
+        return frozen_int(self._terms(problem, mesh).fixed[0])
 
     def means(self, problem: Problem, mesh: Mesh) -> Callable[[Float], Float] | None:
         """Return a map from unknowns to those of the mean on floating components, None without any."""
@@ -118,10 +111,7 @@ class VirtualElements:
         return self.assemble(fields.corrections(problem, mesh, labels), mesh.coarsen(labels)).A
 
     def prolongation(self, mesh: Mesh, labels: Int) -> Any:
-        """Return the matrix from the unknowns on agglomerates to those on the cells.
-
-        See :func:`~agglo_vem.transfer.prolongation`.
-        """
+        """Return the injection from agglomerates, :func:`~agglo_vem.transfer.prolongation`."""
         return prolongation(mesh, labels, self.degree)
 
     def project(self, mesh: Mesh, function: Field) -> Float:
@@ -182,25 +172,8 @@ class VirtualElements:
 
     def errors_in(self, problem: Problem, mesh: Mesh, x: Float, cells: Mask) -> Mapping[str, float]:
         """Return the :meth:`errors` on some ``cells (n_cells,)``."""
-        if not isinstance(problem, Diffusion) or problem.exact is None:
-            return {}
-        exact = problem.exact
-        function, sums = Projected.of(self.space(mesh), x), np.zeros(3)
-        kappa = fields.kappa_values(mesh, problem.kappa)
-        for batch in fields.inside(mesh, 2 * self.degree + 6):
-            own, points = batch.cells, batch.points + mesh.origin
-            at = function.at(own, batch.points)
-            gaps = fields.sample(exact, points, "exact") - at.values
-            sizes = np.maximum(np.abs(batch.weights), _TINY * mesh.cell_measures[own])
-            steps = np.repeat(_STEP * sizes[:, None] ** (1.0 / mesh.dim), mesh.dim, axis=1)
-            slopes = fields.central_differences(partial(fields.sample, exact, name="exact"), points, steps)
-            slopes -= at.slopes
-            fluxes, weights = fields.times(kappa(points, own), slopes), batch.weights * cells[own]
-            sums += [
-                weights @ (a * b).reshape(len(weights), -1).sum(axis=1)
-                for a, b in ((gaps, gaps), (slopes, slopes), (fluxes, slopes))
-            ]
-        return dict(zip(("l2", "h1", "energy"), np.sqrt(sums).tolist(), strict=True))
+        assert isinstance(problem, Diffusion)
+        return fields.error_norms(mesh, problem, self.degree, Projected.of(self.space(mesh), x).at, cells)
 
     def energy(self, problem: Problem, mesh: Mesh, x: Float) -> float:
         """Return the square of the energy norm: that of the projections, and the stabilisation."""
@@ -218,10 +191,14 @@ class VirtualElements:
         """Return the load ``(n,)`` of source, Neumann and Robin data: b without Dirichlet terms."""
         terms = self._terms(problem, mesh)
         load = terms.load()
-        load[terms.fixed.unknowns] = 0.0
+        load[terms.fixed[0]] = 0.0
         return load
 
     def residual_measure(self, problem: Problem, mesh: Mesh, b: Float) -> Callable[[Float], float]:
         """Return the size of residuals relative to ``b (n,)``, divided by the largest κ at each unknown."""
         assert isinstance(problem, Diffusion)
-        return solvers.ResidualMeasure(b, frozen_float(forms.largest_kappa(self.space(mesh), problem)))
+        space, largest = self.space(mesh), np.zeros(len(b))
+        kappa = forms.LocalForms(space, problem, self.stabilisation).mean_kappa
+        for batch in space.batches():
+            np.maximum.at(largest, batch.unknowns, kappa[batch.cells][:, None])
+        return solvers.ResidualMeasure(b, frozen_float(largest))

@@ -116,6 +116,32 @@ def test_errors_have_orders_k_plus_1_and_k(name: str, degree: int) -> None:
     assert orders[1] > degree - 0.25
 
 
+@pytest.mark.parametrize("name", ["voronoi", "tetrahedra", "agglomerates"])
+def test_errors_have_orders_2_and_1_on_polyhedra(name: str) -> None:
+    problem = Diffusion(2.0, lambda x: 4.0 * _bump(x), {0: _bump}, exact=_bump)
+    how, sizes, errors = VirtualElements(), [], []
+    for n in (4, 8):
+        mesh = SOLIDS_BY_SIZE[name](n)
+        sizes.append(mesh.n_cells ** (-1.0 / 3.0))
+        errors.append(list(how.errors(problem, mesh, solved(how, problem, mesh)).values()))
+    orders = np.log(np.divide(*errors)) / np.log(sizes[0] / sizes[1])
+    assert orders[:2] == pytest.approx([2.0, 1.0], abs=0.1)
+
+
+SOLIDS_BY_SIZE: dict[str, Callable[[int], Mesh]] = {
+    "voronoi": lambda n: samples.voronoi3d(n**3, seed=1),
+    "tetrahedra": samples.tetrahedra,
+    "agglomerates": lambda n: (fine := samples.tetrahedra(2 * n)).coarsen(
+        agglo.agglomerate(fine, cells_per_part=8).levels[0]
+    ),
+}
+
+
+def _bump(x: Array) -> Array:
+    """Solution of −Δu = 2u."""
+    return np.asarray(np.sin(x[:, 0]) * np.sin(x[:, 1] + 0.3) * (1.0 + x[:, 2]))
+
+
 def _exact(x: Array) -> Array:
     return np.asarray(np.sin(2.0 * x[:, 0]) * np.exp(x[:, 1]))
 

@@ -1,0 +1,44 @@
+"""Errors of discrete functions against exact solutions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, Mask
+from agglo_core.fields.residuals import AtPoints, kappa_values, times
+from agglo_core.fields.rules import inside
+from agglo_core.fields.values import central_differences, sample
+from agglo_core.mesh import Mesh
+from agglo_core.problems import Diffusion
+
+_STEP: Final = 1e-4
+"""Step of the differences of the exact solution at a quadrature point, relative to the root w^(1/d) of its
+weight: steps are short in thin triangles at the boundary, and rounding errors count evenly."""
+_TINY: Final = 1e-16
+"""Smallest of these weights, relative to the measure of the cell."""
+
+
+def error_norms(
+    mesh: Mesh, problem: Diffusion, degree: int, at: Callable[[Int, Float], AtPoints], cells: Mask
+) -> Mapping[str, float]:
+    """Return norms of the error of a piecewise polynomial on some ``cells (n_cells,)``.
+
+    ``l2``, ``h1`` = ‖∇e‖, and ``energy`` = ‖√κ ∇e‖; none without an exact solution. ``at(cells, points)``
+    evaluates the function at points ``(q, d)`` relative to the mesh origin.
+    """
+    if problem.exact is None:
+        return {}
+    exact, kappa, sums = problem.exact, kappa_values(mesh, problem.kappa), np.zeros(3)
+    for batch in inside(mesh, 2 * degree + 6):
+        own, points, found = batch.cells, batch.points + mesh.origin, at(batch.cells, batch.points)
+        sizes = np.maximum(np.abs(batch.weights), _TINY * mesh.cell_measures[own])
+        steps = np.repeat(_STEP * sizes[:, None] ** (1.0 / mesh.dim), mesh.dim, axis=1)
+        gaps = sample(exact, points, "exact") - found.values
+        slopes = central_differences(partial(sample, exact, name="exact"), points, steps) - found.slopes
+        fluxes, weights = times(kappa(points, own), slopes), batch.weights * cells[own]
+        sums += weights @ gaps**2, weights @ (slopes**2).sum(axis=1), weights @ (fluxes * slopes).sum(axis=1)
+    return dict(zip(("l2", "h1", "energy"), np.sqrt(sums).tolist(), strict=True))
