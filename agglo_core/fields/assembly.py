@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int
+from agglo_core.arrays import Float, Int, index_cast
 
 
 def sum_blocks(shape: tuple[int, int], blocks: Iterable[tuple[Int, Int, Float]]) -> sparse.csr_array:
@@ -19,10 +19,11 @@ def sum_blocks(shape: tuple[int, int], blocks: Iterable[tuple[Int, Int, Float]])
     blocks : iterable of (c, N), (c, M), (c, N, M)
         Rows, columns and values of ``c`` blocks each.
     """
+    most = max(shape)
     parts = [
         (
-            np.broadcast_to(rows[:, :, None], values.shape).ravel(),
-            np.broadcast_to(columns[:, None], values.shape).ravel(),
+            np.broadcast_to(index_cast(rows, most)[:, :, None], values.shape).ravel(),
+            np.broadcast_to(index_cast(columns, most)[:, None], values.shape).ravel(),
             values.ravel(),
         )
         for rows, columns, values in blocks
@@ -38,9 +39,10 @@ def fix_unknowns(
 
     Their columns move to the right-hand side, so that the matrix remains symmetric.
     """
-    g, free, diagonal = np.zeros(len(b)), np.ones(len(b)), A.diagonal()
-    g[unknowns], free[unknowns] = values, 0.0
-    keep = sparse.diags_array(free)
-    kept = sparse.csr_array(keep @ A @ keep + sparse.diags_array(diagonal * (1.0 - free)))
-    kept.eliminate_zeros()
-    return kept, free * (b - A @ g) + diagonal * g
+    g, free = np.zeros(len(b)), np.ones(len(b), bool)
+    g[unknowns], free[unknowns] = values, False
+    rows = np.repeat(np.arange(len(b)), np.diff(A.indptr))
+    kept = (free[rows] & free[A.indices]) | (rows == A.indices)
+    fixed = sparse.csr_array((A.data * kept, A.indices, A.indptr), shape=A.shape, copy=True)
+    fixed.eliminate_zeros()
+    return fixed, np.where(free, b - A @ g, A.diagonal() * g)
