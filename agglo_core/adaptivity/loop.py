@@ -241,24 +241,24 @@ class _Loop:
                     f"the discretisation of {self.solver.title} has no method energy or mass, so a relative "
                     "tolerance cannot be tested: give max_unknowns instead"
                 )
+            found = cut, solution, frozen_float(indicators)
+            if not (solution.converged or solution.rounding_limited):
+                return self._ended(*found, "solver")
+            if tolerance is not None and last.relative is not None and last.relative <= tolerance:
+                return self._ended(*found, "tolerance")
             # Sum of squared indicators that meets the tolerance
             allowed = 0.0
             if tolerance is not None and last.relative:
                 allowed = float((indicators**2).sum()) * (tolerance / last.relative) ** self.power
             most = np.inf if max_unknowns is None else max_unknowns * last.parts / last.unknowns
             finer = next_cut(cut, indicators**2, share, allowed, most)
-            reason: End | None = None
-            if not (solution.converged or solution.rounding_limited):
-                reason = "solver"
-            elif tolerance is not None and last.relative is not None and last.relative <= tolerance:
-                reason = "tolerance"
-            elif finer is None:
+            if finer is None:
                 divisible = next_cut(cut, indicators**2, share, allowed) is not None
-                reason = "max_unknowns" if divisible else "fine mesh"
-            if finer is None or reason is not None:
-                end, found = reason or "fine mesh", frozen_float(indicators)
-                return Adaptation(tuple(self.steps), solution, cut, found, self.hierarchy, end)
+                return self._ended(*found, "max_unknowns" if divisible else "fine mesh")
             self.before, cut = (cut, solution), self._settled(finer)
+
+    def _ended(self, cut: Cut, solution: Solution, indicators: Float, reason: End) -> Adaptation:
+        return Adaptation(tuple(self.steps), solution, cut, indicators, self.hierarchy, reason)
 
     def _settled(self, cut: Cut) -> Cut:
         """Divide parts in which coefficients or boundary data by cell vary."""
@@ -271,7 +271,7 @@ class _Loop:
     def _step(self, cut: Cut) -> tuple[Solution, Float]:
         """Solve on a cut and estimate the error of each part ``(n_parts,)``."""
         start = time.perf_counter()
-        levels, problem = self.hierarchy.above(cut), self.posed.on(cut)
+        levels, problem = _coarser(self.hierarchy, cut), self.posed.on(cut)
         solution = run_solver(self.solver, problem, levels, self.listen, self._guess(cut))
         if solution.discretisation is None:
             raise OptionError(f"{self.solver.title} has no discretisation, so its error cannot be estimated")
@@ -306,7 +306,7 @@ class _Loop:
 
         The sum of their squares bounds the error of ∫ ψ u as far as both indicators bound their errors.
         """
-        solved = run_solver(self.solver, dual.on(cut), self.hierarchy.above(cut), self.listen)
+        solved = run_solver(self.solver, dual.on(cut), _coarser(self.hierarchy, cut), self.listen)
         with phase(self.listen, "estimating"), attributed(self.judge.title, spare=(AggloError,)):
             weights, _ = self._estimated(solved, cut, dual)
         project, mass = (getattr(solution.discretisation, name, None) for name in ("project", "mass"))
@@ -344,6 +344,17 @@ class _Loop:
         places = np.unique(old.labels * cut.n_parts + cut.labels)
         pairs = frozen_int(np.stack(np.divmod(places, cut.n_parts), axis=1))
         return frozen_float(transfer(old.mesh, solution.x, cut.mesh, pairs))
+
+
+def _coarser(hierarchy: Hierarchy, cut: Cut) -> Hierarchy:
+    """Return the levels above a cut that have at most half as many parts as the one before."""
+    above, n, kept = hierarchy.above(cut), cut.n_parts, list[int]()
+    for level, labels in enumerate(above.levels):
+        if 2 * (int(labels.max()) + 1) <= n:
+            n = int(labels.max()) + 1
+            kept.append(level)
+    levels, targets = [above.levels[level] for level in kept], [above.targets[level] for level in kept]
+    return Hierarchy(cut.mesh, above.graph, levels, targets, nested=True)
 
 
 def _levels(posed: PosedOnCuts, registry: Registry, listen: Listener | None) -> Hierarchy:

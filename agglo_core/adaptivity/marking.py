@@ -13,6 +13,8 @@ _DEEPEST: Final = 3
 """Largest number of levels that a part is divided by at once."""
 _MARGIN: Final = 0.8
 """Share of the squared goal that the last step aims at, since predictions are sometimes too small."""
+_FEW: Final = 0.02
+"""Share of the parts that at least is divided where ``most`` bounds the number: fewer save no error."""
 _JOINED: Final = 0.01
 """Siblings are joined if their squared indicators sum to less than this share of the smallest one that is
 marked. A larger value may join parts that later steps divide again."""
@@ -64,6 +66,8 @@ def next_cut(cut: Cut, squares: Float, share: float, goal: float = 0.0, most: fl
         if refined.n_parts <= most:
             return refined
         parts = parts[: len(parts) * 3 // 4]
+        if len(parts) < _FEW * cut.n_parts:
+            break
     return None
 
 
