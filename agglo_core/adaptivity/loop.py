@@ -191,7 +191,9 @@ def adapt(
     hierarchy = hierarchy_of(on, "adapt")
     problem = Diffusion() if problem is None else problem
     if not isinstance(problem, Diffusion):
-        raise OptionError(f"adapt poses problems of kind diffusion on parts; given {shown(problem)}")
+        kind = getattr(problem, "kind", None)
+        given = shown(problem) if kind is None else f"a problem of kind {kind}"
+        raise OptionError(f"adapt solves problems of kind diffusion, given {given}")
     if hierarchy.fine is None:
         raise OptionError("adapt requires a hierarchy with a mesh: agglomerate the Mesh instead of its graph")
     known = default() if registry is None else registry

@@ -377,14 +377,40 @@ def test_adapted_meshes_are_reported_step_by_step(agglo: Agglo, tmp_path: Path) 
         (("--tolerance", "0.1"), "--tolerance is an option of --adapt; the solver's tolerance is --tol"),
         (("--adapt",), "--adapt needs a bound: give --tolerance, --max-unknowns or both"),
         (("--adapt", "--tolerance", "0.1", "--levels", "3"), "--levels is not available with --adapt"),
-        (("--adapt", "--tolerance", "0.1", "--report", "r.html"), "--report is not available with --adapt"),
+        (("--adapt", "--tolerance", "0.1", "--fluxes", "f.vtu"), "--fluxes is not available with --adapt"),
         (("--adapt", "--tolerance", "3"), "tolerance must be a number above 0"),
+        (("--adapt", "--tolerance", "0"), "tolerance must be a number above 0"),
         (("--adapt", "--tolerance", "0.1", "-o", "u.png"), "solutions are written as .vtu"),
+        (("--adapt", "--tolerance", "0.1", "-o", "none/u.vtu"), "the folder none does not exist"),
+        (("--adapt", "--tolerance", "0.1", "--report", "r.txt"), "reports end in .html"),
+        (("--adapt", "--tolerance", "0.1", "--estimator", "residuum"), "did you mean 'residual'"),
+        (("--adapt", "--tolerance", "0.1", "--problem", "elasticity"), "given a problem of kind elasticity"),
     ],
 )
 def test_options_that_do_not_fit_adaptation_are_refused(
-    agglo: Agglo, options: tuple[str, ...], says: str
+    agglo: Agglo, options: tuple[str, ...], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    done = agglo("solve", "squares:n=4", *options)
-    assert done.code != 0
+    monkeypatch.chdir(tmp_path)
+    output = () if "-o" in options else ("-o", "w.vtu")
+    done = agglo("solve", "squares:n=4", *options, *output)
+    assert (done.code, done.out) == (2, "")
     assert says in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("sample", ["voronoi:n=300", "random_tetrahedra:n=300"])
+def test_a_problem_file_is_adapted_with_a_report(
+    agglo: Agglo, sample: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("p.toml").write_text('kind = "diffusion"\nsource = 8.0\nreaction = 2.0\n', encoding="utf-8")
+    asked = ("solve", sample, "--adapt", "--problem", "p.toml", "--max-unknowns", "400", "-o", "u.vtu")
+    done = agglo(*asked, "--report", "r.html", "--json")
+    assert (done.code, done.data["reason"]) == (0, "max_unknowns")
+    page = Path("r.html").read_text(encoding="utf-8")
+    assert "Estimates" in page
+    assert "uniform levels" in page
+    assert '"estimate"' in page
+    assert Path("u.vtu").stat().st_size > 1000
+    done = agglo(*asked, "--tolerance", "1e-3", "--json")
+    assert (done.code, done.data["reason"]) == (3, "max_unknowns")

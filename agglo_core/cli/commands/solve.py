@@ -152,7 +152,7 @@ def solve(
         request = AdaptRequest(
             source, problem, tool, solver, agglomeration, accuracy, max_unknowns, estimator
         )
-        return request.run(output, plot, as_json=as_json)
+        return request.run(output, plot, report, as_json=as_json)
     _refuse_one_process(tool, solver, files if solves_across(tool) else {"-o": output} | files)
     if solves_across(tool):
         return solve_on_ranks(source, solver, tool, problem, agglomeration, output, as_json=as_json)

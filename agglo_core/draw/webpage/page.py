@@ -14,6 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
+from agglo_core.draw.webpage.estimate_curves import Curve, estimate_section
 from agglo_core.draw.webpage.payload import payload
 from agglo_core.draw.webpage.sections import own_sections, sections_of_plugins
 from agglo_core.draw.webpage.solve_section import solve_section
@@ -61,6 +62,7 @@ def write_page(
     note: str = "",
     registry: Registry | None = None,
     solves: Mapping[str, Mapping[str, Any]] = _NOTHING,
+    estimates: Mapping[str, Curve] | None = None,
 ) -> None:
     """Write the report on runs and solutions on one mesh, completely or not at all.
 
@@ -81,6 +83,8 @@ def write_page(
     solves : mapping of str to mapping, optional
         Data for the section Solve by name of solver or run, from
         :func:`agglo_core.solvers.solution_report.report`, or ``{"error": why}``.
+    estimates : mapping of str to sequence of (int, float), optional
+        Unknowns and estimated errors of an adaptation, and of other meshes, by name.
 
     Raises
     ------
@@ -91,7 +95,7 @@ def write_page(
     """
     file = Path(path)
     check_page(file)
-    content = _page(mesh, runs, note, default() if registry is None else registry, solves)
+    content = _page(mesh, runs, note, default() if registry is None else registry, solves, estimates or {})
     try:
         with staging(file) as folder:
             (folder / file.name).write_text(content, encoding="utf-8")
@@ -114,6 +118,7 @@ def _page(
     note: str,
     registry: Registry,
     solves: Mapping[str, Mapping[str, Any]],
+    estimates: Mapping[str, Curve],
 ) -> str:
     style = _text("page.css")
     about = f"{mesh.n_cells:,} cells, h0 = {mesh.h:.4g}"
@@ -123,7 +128,7 @@ def _page(
         "<!--version-->": html.escape(version_of("agglo")),
         "/*style*/": style,
         "/*style policy*/": _hash(style),
-        "<!--solve-->": solve_section(solves),
+        "<!--solve-->": estimate_section(estimates) + solve_section(solves),
         **(_of_runs(mesh, runs, note, registry) if runs or not solves else _NO_RUNS),
     }
     # Fill in one pass, because filled-in text may itself look like a mark.

@@ -231,7 +231,10 @@ def test_wrong_arguments_are_refused() -> None:
         ({"tolerance": 0.0}, "tolerance must be a number above 0"),
         ({"tolerance": 0.1, "marking": 2.0}, "marking must be a number above 0 and at most 1"),
         ({"max_unknowns": 2.5}, "max_unknowns must be a positive whole number"),
-        ({"tolerance": 0.1, "problem": agglo.Elasticity()}, "problems of kind diffusion"),
+        (
+            {"tolerance": 0.1, "problem": agglo.Elasticity()},
+            "adapt solves problems of kind diffusion, given a problem of kind elasticity",
+        ),
         ({"tolerance": 0.1, "estimator": 3}, "3 is not an estimator"),
         ({"tolerance": 0.1, "solver": "direct", "degre": 2}, "did you mean 'degree'"),
     ):
