@@ -166,7 +166,7 @@ class AdaptRequest:
         for labels, target in list(zip(hierarchy.levels, hierarchy.targets, strict=True))[::-1]:
             if labels.max() < _MORE * adaptation.cut.n_parts:
                 level = Hierarchy(hierarchy.fine, hierarchy.graph, [labels], [target], nested=True)
-                steps += self._adapted(level, problem, None, 1).steps[:1]
+                steps += self._adapted(level, problem, None, 1).steps
         return steps
 
     def _show(self, adaptation: Adaptation, *, as_json: bool) -> None:

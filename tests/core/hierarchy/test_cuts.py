@@ -335,6 +335,7 @@ def test_cuts_of_agglomerated_meshes(mesh: object) -> None:
             wanted.append(by_first_cell(np.unique(own, return_inverse=True)[1]))
     np.testing.assert_array_equal([labels[cut.labels] for labels in above.levels], wanted)
     assert Forest.of(above.levels, cut.n_parts).n_roots == hierarchy.parts[-1]
+    assert list(hierarchy.above(hierarchy.cut_at(1)).levels) == []  # nothing is coarser
     bare = Hierarchy(None, hierarchy.graph, hierarchy.levels, hierarchy.targets, True)
     alike = bare.above(bare.cut(n_parts=40, grade=1))
     assert alike.fine is None
