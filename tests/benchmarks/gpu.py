@@ -5,9 +5,9 @@
 Random triangles, parts of 16 cells on average. Seconds are the least of the repeats, with one host thread,
 after a warm-up: wall time on a GPU, CPU time otherwise. ``J`` and ``CR`` are explained in partition.py,
 ``interface`` is relative to METIS. ``run`` is a whole ``agglo.agglomerate``, ``partition`` the part of it in
-the bisector. Its steps are listed with the number of tensor operations, the bytes of their arguments and
-results, and the floating-point operations in matrix products. On a GPU, the last line compares the labels
-with those of the CPU.
+the bisector, ``curve`` its polish from runs of a Hilbert curve instead of the network. The steps are listed
+with the number of tensor operations, the bytes of their arguments and results, and the floating-point
+operations in matrix products. On a GPU, the last line compares the labels with those of the CPU.
 """
 
 from __future__ import annotations
@@ -31,12 +31,17 @@ from torch.utils._pytree import tree_leaves
 from torch.utils.flop_counter import FlopCounterMode
 
 import agglo_core as agglo
-from agglo_core import Target, samples
+from agglo_core import Graph, Target, samples
+from agglo_core.agglomeration.levels.curve import connected_runs
+from agglo_core.arrays import frozen_index, frozen_int
 from agglo_core.graph.objectives import OBJECTIVES
+from agglo_core.graph.ordering import curve_order
 from agglo_gnn.device.graph import DeviceGraph
 from agglo_gnn.device.polish import mend, polish
 from agglo_gnn.device.recursion import bisect_to_parts
 from agglo_gnn.paper.bisector import PaperGNN
+
+QUICK = ("kmeans", {"effort": "quick"})
 
 
 class Traffic(TorchDispatchMode):
@@ -73,17 +78,35 @@ def best_of(repeats: int, device: str, call: Callable[[], Any]) -> tuple[float, 
     return min(seconds), result
 
 
+def from_curve(graph: Graph, parts: int, device: str) -> Any:
+    """Polish runs of the curve in rounds, for comparison with the network as the start."""
+    order = curve_order(graph.centroids)
+    ends = frozen_int([0, graph.n])
+    ordered = graph.subgraph(order, ends)
+    cells = frozen_index(np.arange(graph.n))
+    runs = connected_runs(ordered, ordered.mass, cells, ends, frozen_int([parts]))
+    start = torch.from_numpy(runs.copy()).to(device)
+    labels = np.empty(graph.n, np.int64)
+    labels[order] = polish(DeviceGraph.of(ordered, device), start, parts).cpu().numpy()
+    return labels
+
+
 def compare(cells: int, tool: PaperGNN, repeats: int) -> None:
     """Print the methods and the steps for one mesh."""
     mesh = samples.random_triangles(cells // 2, seed=11)
     graph, parts = mesh.graph, mesh.n_cells // 16
-    methods = {
+    counted = graph.with_mass(np.ones(graph.n))  # cells are what runs balance
+
+    def run(bisector: Any, method: str) -> Any:
+        return agglo.agglomerate(graph, bisector=bisector, n_parts=parts, method=method).levels[0]
+
+    methods: dict[str, Callable[[], Any]] = {
         "METIS recursive": lambda: metis(recursive=True)(graph, parts),
-        "kmeans": lambda: agglo.agglomerate(graph, n_parts=parts).levels[0],
-        "gnn_paper, run": lambda: agglo.agglomerate(
-            graph, bisector=tool, n_parts=parts, method="kway"
-        ).levels[0],
-        "gnn_paper, partition": lambda: tool.partition(graph, Target(parts=parts), 0),
+        "kmeans": lambda: run("kmeans", "recursive"),
+        "kmeans:effort=quick": lambda: run(QUICK, "kway"),
+        "gnn_paper, run": lambda: run(tool, "kway"),
+        "gnn_paper, partition": lambda: tool.partition(counted, Target(parts=parts), 0),
+        "curve, same polish": lambda: from_curve(counted, parts, tool.device),
     }
     print(f"\n{graph.n} triangles, {parts} parts, {tool.device}")
     print(f"{'':22}{'seconds':>9}{'J':>8}{'CR':>8}{'interface':>11}{'connected':>11}")
@@ -97,14 +120,15 @@ def compare(cells: int, tool: PaperGNN, repeats: int) -> None:
             f"{cut / base:11.3f}{connected(graph, labels):10.1f}%",
             flush=True,
         )
-    steps(graph, parts, tool, repeats)
+    steps(counted, parts, tool, repeats)
     if tool.device == "cuda":
-        host = PaperGNN().partition(graph, Target(parts=parts), 0)
+        host = PaperGNN().partition(counted, Target(parts=parts), 0)
+        labels = PaperGNN(device="cuda").partition(counted, Target(parts=parts), 0)
         print(f"labels equal to those of the CPU in double precision: {np.mean(host == labels):.4f}")
 
 
 @torch.inference_mode()
-def steps(graph: agglo.Graph, parts: int, tool: PaperGNN, repeats: int) -> None:
+def steps(graph: Graph, parts: int, tool: PaperGNN, repeats: int) -> None:
     """Print seconds and work of each step of the partition."""
     data = DeviceGraph.of(graph, tool.device)
     bisected = bisect_to_parts(data, parts, tool._odds)
@@ -142,8 +166,9 @@ def main() -> None:
     torch.set_num_threads(1)
     tool = PaperGNN(device=options.device, precision=options.precision)
     warm_up = samples.random_triangles(1000, seed=1).graph
-    for bisector, method in ((tool, "kway"), ("kmeans", "recursive")):
+    for bisector, method in ((tool, "kway"), ("kmeans", "recursive"), (QUICK, "kway")):
         agglo.agglomerate(warm_up, bisector=bisector, n_parts=100, method=method)
+    from_curve(warm_up, 100, options.device)
     for cells in options.cells:
         compare(cells, tool, options.repeats)
 
