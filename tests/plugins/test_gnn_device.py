@@ -260,7 +260,9 @@ def test_all_tensors_are_made_on_the_device_of_the_graph():
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device")
 def test_devices_agree():
     graph = graph_of("random_triangles:n=2000,seed=3")
-    host, device = (PaperGNN(device=name).partition(graph, Target(parts=250), 0) for name in ("cpu", "cuda"))
+    names = ("cpu", "cuda", "cuda")
+    host, device, again = (PaperGNN(device=name).partition(graph, Target(parts=250), 0) for name in names)
+    assert np.array_equal(device, again)
     assert np.mean(host == device) > 0.99
 
 

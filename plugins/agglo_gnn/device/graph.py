@@ -1,7 +1,7 @@
 """A dual graph as tensors on one device, with sums and components that do not depend on the device.
 
 Sums over groups are sums of integers, so no order of additions changes them. Sorts are stable, and all other
-scattered values are minima or maxima. Results are therefore deterministic on a GPU, too.
+scattered values are minima or maxima.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def group_sums(values: Tensor, groups: Tensor, count: int) -> Tensor:
         return values.new_zeros(count, *values.shape[1:])
     scale = values.abs().amax(0).clamp(min=TINY)
     integers = to_integers(values / scale)
-    if count == 1:  # much faster on a GPU than additions to one address
+    if count == 1:  # a reduction, instead of atomic additions to one address
         sums = integers.sum(0, keepdim=True)
     else:
         sums = integers.new_zeros(count, *values.shape[1:]).index_add_(0, groups, integers)
