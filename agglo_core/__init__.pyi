@@ -46,6 +46,7 @@ from agglo_core.problems import (
     Linear as Linear,
     Solution as Solution,
     evolve as evolve,
+    newton as newton,
     solve as solve,
 )
 from agglo_core.progress import Progress as Progress

@@ -7,6 +7,7 @@ from agglo_core.problems.elasticity import Elasticity, VectorField
 from agglo_core.problems.evolution import evolve
 from agglo_core.problems.linear import Linear
 from agglo_core.problems.multigrid_level import Coarsening, CoarseSpace, MultigridLevel, Patches
+from agglo_core.problems.newton import newton
 from agglo_core.problems.solution import Lifting, Solution
 from agglo_core.problems.solving import solve
 from agglo_core.problems.system import System
@@ -31,6 +32,7 @@ __all__ = [
     "discretisation_of",
     "evolve",
     "named_problem",
+    "newton",
     "read_problem",
     "require_accepted",
     "solve",

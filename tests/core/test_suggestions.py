@@ -40,6 +40,7 @@ def test_the_functions_of_the_package_are_tested() -> None:
         "agglomerate",
         "build_levels",
         "evolve",
+        "newton",
         "quality",
         "read",
         "read_hierarchy",
@@ -57,6 +58,7 @@ def test_each_mistyped_keyword_names_the_right_one(function: Callable[..., Any])
     names = [name for name in inspect.signature(function).parameters if len(name) > 3 and name != "options"]
     assert names
     required = {"problem": 1, "u0": 0.0, "t_end": 1.0, "step": 0.5} if function is agglo.evolve else {}
+    required |= {"linearised": agglo.Diffusion} if function is agglo.newton else {}
     for name in names:
         given = {key: value for key, value in required.items() if key != name}
         with pytest.raises((TypeError, OptionError), match=rf"'{name[:-1]}' \(did you mean '{name}'\?\)"):

@@ -190,6 +190,7 @@ def direct(registry: Registry, folder: Path) -> None:
 def time_steps(registry: Registry, folder: Path) -> None:
     steps = agglo.evolve(MESH, Diffusion(), 0.0, 0.2, 0.1, solver=("direct", {}), registry=registry)
     assert all(solution.converged for _, solution in steps)
+    assert agglo.newton(MESH, lambda u: Diffusion(), solver=("direct", {}), registry=registry).converged
 
 
 def adaptations(registry: Registry, folder: Path) -> None:
@@ -222,7 +223,7 @@ GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
     smoothers: {"smoother_of", "PaperMultigrid"},
     parts_of_multigrid: {"part", "Composition", "ComposedMultigrid", "solve"},
     direct: {"Direct", "PolyDGMultigrid", "chosen_discretisation", "discretisation"},
-    time_steps: {"evolve", "solver_member"},
+    time_steps: {"evolve", "newton", "solver_member"},
     adaptations: {"adapt"},
     on_ranks: {"prepare_run", "evaluate_rules", "means"},
 }
