@@ -68,6 +68,24 @@ def systems() -> list[float]:
     return [float(np.linalg.norm(b - A @ found.x) / np.linalg.norm(b)), float(found.converged)]
 
 
+def elasticity() -> list[float]:
+    """Solve assembled elasticity with its rigid motions, on one rank and on all ranks.
+
+    Returns iterations of both, and the relative residual.
+    """
+    mesh = agglo.samples.voronoi(400, seed=31)
+    hierarchy = agglo.agglomerate(mesh, cells_per_part=(8, 32), **STRAIGHT)
+    how = default().build("discretisation", "polydg", degree=1).of_kind("elasticity")
+    system = how.assemble(agglo.Elasticity(force=(0.0, -1.0)), mesh)
+    problem = Linear(system.A, system.b, system.block_offsets, system.near_null)
+    one, all_ = (
+        default().build("solver", "petsc_mg", ranks=ranks).solve(problem, hierarchy)
+        for ranks in ("one", "world")
+    )
+    rest = np.linalg.norm(system.b - system.A @ all_.x) / np.linalg.norm(system.b)
+    return [one.iterations, all_.iterations, float(rest)]
+
+
 def own_rows() -> list[float]:
     """Solve a path of 90 unknowns without rows on the first rank.
 
@@ -264,7 +282,10 @@ def _seen(mesh: DistributedMesh, whole: agglo.Mesh) -> list[float]:
 
 
 if __name__ == "__main__":
-    asked = {each.__name__: each for each in (polydg, systems, own_rows, wrong, across, sweep, patches, plex)}
+    asked = {
+        each.__name__: each
+        for each in (polydg, systems, elasticity, own_rows, wrong, across, sweep, patches, plex)
+    }
     if find_spec("dolfinx"):
         asked |= {"dolfinx_poisson": dolfinx_poisson, "dolfinx_mesh": dolfinx_mesh}
     answers = {name: ask() for name, ask in asked.items()}

@@ -59,6 +59,12 @@ def test_linear_systems_are_divided_too(answers):
     assert residual < 1e-6
 
 
+def test_assembled_elasticity_is_divided(answers):
+    one, all_, residual = answers["elasticity"]
+    assert max(one, all_) <= 30
+    assert residual < 1e-6
+
+
 def test_a_rank_may_have_nothing(answers):
     gap, iterations, coarsest = answers["own_rows"]
     assert gap < 1e-8
