@@ -15,10 +15,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from agglo_core import samples
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.conformance.base.own_components import own_components
 from agglo_core.conformance.inputs import small_meshes
-from agglo_core.conformance.inputs.mesh_cases import bands
+from agglo_core.conformance.inputs.drawn import drawn_labels
 from agglo_core.errors import AggloError, PluginError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import read, read_hierarchy, write
@@ -134,11 +135,11 @@ def _shapes() -> dict[str, Mesh]:
     around = np.ones((5, 5), int)
     around[1:4, 1:4] = 0
     whole = {
-        "triangles": small_meshes.halved_squares(),
+        "triangles": samples.triangles(4),
         "quadrilaterals": small_meshes.grid(4, 3),
         "polygons": small_meshes.grid(4, 3).coarsen(frozen_int([0, 0, 0, 1, 0, 2, 2, 1, 3, 3, 1, 1])),
         "holes": small_meshes.grid(5, 5).coarsen(frozen_int(around.ravel())),
-        "tetrahedra": small_meshes.tetrahedra(),
+        "tetrahedra": samples.tetrahedra(1),
         "hexahedra": small_meshes.boxes(3, 2, 2),
         "polyhedra": small_meshes.boxes(3, 2, 2).coarsen(frozen_int([0, 0, 1, 0, 1, 1, 2, 2, 3, 2, 3, 3])),
     }
@@ -204,7 +205,7 @@ def _faces(outer: bool, mesh: Mesh, suffix: str) -> bool:
 
 def _levels(mesh: Mesh, suffix: str) -> tuple[Hierarchy, Hierarchy | None, bool]:
     """Return a hierarchy, its copy read from a file, and True if its coarse mesh has a file of its own."""
-    labels = bands(mesh, 2)
+    labels = drawn_labels(mesh.graph, "strips", 2)
     hierarchy = Hierarchy(mesh, mesh.graph, [labels], [{"h_star": 0.5}], nested=True)
     with TemporaryDirectory() as folder:
         file = Path(folder) / f"m{suffix}"

@@ -14,8 +14,6 @@ from agglo_core.conformance.inputs.cases import (
     ON_GRAPHS,
     SIBLINGS,
     cases,
-    cases_in_3d,
-    degenerate,
     large_case,
     large_cases,
     part_of_level,
@@ -44,7 +42,7 @@ def arrays_of(value):
 @pytest.mark.parametrize("kind", KINDS)
 def test_all_arrays_are_read_only(kind: str) -> None:
     drawn = [*large_cases(kind)[:3], large_case(kind)] if kind in ON_GRAPHS else []
-    fixed = [] if kind in (*ON_GRAPHS, "metric") else [*cases(kind), *degenerate(kind), *cases_in_3d(kind)]
+    fixed = [case for place in ("plane", "space", "one cell") for case in cases(kind, place)]
     for case in [*drawn, *fixed, *siblings(kind)] if kind in SIBLINGS else fixed:
         assert not any(array.flags.writeable for array in arrays_of(case.given)), case.name
 
@@ -52,7 +50,7 @@ def test_all_arrays_are_read_only(kind: str) -> None:
 def test_meshes() -> None:
     np.testing.assert_allclose(small_meshes.hexagons(5, 4).cell_measures, 1.5 * np.sqrt(3))
     np.testing.assert_allclose(small_meshes.mixed_polygons().cell_measures.sum(), 48)
-    assert np.bincount(small_meshes.two_grids().graph.components()).tolist() == [6, 6]
+    assert np.bincount(DrawnMesh(cells=6, copies=2).mesh.graph.components()).tolist() == [6, 6]
     assert small_meshes.boxes().n_cells == 30
     for family in (*PLANE, *SOLID):
         mesh = DrawnMesh(family, cells=30, jitter=0.25).mesh
@@ -85,7 +83,8 @@ def test_large_graphs_exceed_the_usual_integers() -> None:
 
 
 def test_objectives_by_hand() -> None:
-    graph = small_meshes.grid(4, 1, width=2.0).graph
+    squares = small_meshes.grid(4, 1)
+    graph = replace(squares, points=squares.points * (2.0, 1.0)).graph
     labels = frozen_int([0, 0, 1, 1])
     values = {name: measure(graph, labels) for name, measure in OBJECTIVES.items()}
     hexagons = 8 * 5 / (18 * 3**0.5) * 4, 2 * (2 * 3**0.5 * 4) ** 0.5
@@ -118,7 +117,8 @@ def test_the_global_random_state_comes_back() -> None:
 
 
 def test_the_reference_solver_is_exact_for_linear_solutions() -> None:
-    mesh = small_meshes.grid(6, 4, width=0.5)
+    squares = small_meshes.grid(6, 4)
+    mesh = replace(squares, points=squares.points * (0.5, 1.0))
     hierarchy = Hierarchy(mesh, mesh.graph, [frozen_int(np.arange(24) // 6)], [{"n_parts": 4}], nested=True)
     everywhere = Diffusion(kappa=3.0, source=0.0, dirichlet={0: lambda p: 1 + p[:, 0] - 2 * p[:, 1]})
     x, y = mesh.cell_centroids.T

@@ -14,7 +14,7 @@ from agglo_core.agglomeration.border import bisect_by_block
 from agglo_core.arrays import UInt64
 from agglo_core.conformance.base.own_components import own_components
 from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.drawn import DrawnMesh
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
@@ -75,8 +75,8 @@ class _DepthByDepth:
 
 
 def _meshes(subject: Subject) -> list[Mesh]:
-    space = [small_meshes.boxes()] if subject.promised("3d") else []
-    return [small_meshes.grid(9, 7, jitter=0.2), small_meshes.comb(), *space]
+    recipes = [DrawnMesh(cells=63, jitter=0.25), DrawnMesh("comb"), DrawnMesh("boxes", cells=30)]
+    return [recipe.mesh for recipe in recipes if recipe.dim == 2 or subject.promised("3d")]
 
 
 def _roles(subject: Subject, choice: Any) -> list[dict[str, Any]]:

@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int, UInt64, frozen, frozen_float, frozen_int
+from agglo_core.arrays import UInt64, frozen, frozen_float
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.inputs import small_meshes
-from agglo_core.conformance.inputs.drawn import DrawnGraph, DrawnMesh, Layout, drawn_labels
-from agglo_core.conformance.inputs.mesh_cases import in_space, of_one_cell, on_meshes
+from agglo_core.conformance.inputs.drawn import PLANE, DrawnGraph, DrawnMesh, Layout, drawn_labels
+from agglo_core.conformance.inputs.mesh_cases import case_on, for_files
 from agglo_core.conformance.inputs.multigrid_cases import (
     PARTS,
+    DrawnLevel,
     coarsening_of,
     laplacian_of,
     level_of,
-    on_levels,
     question,
 )
+from agglo_core.conformance.inputs.solver_cases import DrawnProblem, on_levels
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
-from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion, Linear
 from agglo_core.protocols import Target
 
@@ -35,47 +34,59 @@ ON_GRAPHS = ("bisector", "refiner", "fixer")
 SIBLINGS = (*ON_GRAPHS, "metric", "solver", "smoother")
 """Kinds with cases on different meshes of equal size."""
 
-_ABOUT_MESHES = ("format", "problem", "discretisation", "estimator", "constraint", "section")
+Place = Literal["plane", "space", "one cell"]
+"""Where standard test cases are posed."""
+
+_MESHES: Mapping[Place, Sequence[DrawnMesh]] = {
+    "plane": [DrawnMesh(family, cells=20, jitter=0.25) for family in PLANE],
+    "space": [DrawnMesh("boxes", cells=12), DrawnMesh("tetrahedra", cells=6)],
+    "one cell": [DrawnMesh()],
+}
+_ON_64 = DrawnMesh(cells=64)
+_ON_BOXES = DrawnMesh("boxes", cells=30)
+_PROBLEMS: Mapping[Place, Sequence[DrawnProblem]] = {
+    "plane": [
+        DrawnProblem(_ON_64, layout="grown", parts=16, levels=2),
+        DrawnProblem(DrawnMesh("hexagons", cells=20), form="functions"),
+        DrawnProblem(DrawnMesh(cells=63, jitter=0.25), parts=6, form="functions"),
+        DrawnProblem(_ON_64, "even", layout="grown", parts=16, levels=2),
+        DrawnProblem(_ON_64, "even", layout="grown", parts=16, width=3),
+    ],
+    "space": [DrawnProblem(_ON_BOXES), DrawnProblem(_ON_BOXES, "even")],
+    "one cell": [DrawnProblem(DrawnMesh()), DrawnProblem(DrawnMesh(), "even")],
+}
+_SQUARES = DrawnLevel(DrawnGraph(_ON_64), "grown", 16, steps=2)
+_LEVELS: Mapping[Place, Sequence[DrawnLevel]] = {
+    "plane": [
+        _SQUARES,
+        replace(_SQUARES, corrected=True),
+        DrawnLevel(DrawnGraph(DrawnMesh(cells=63, jitter=0.25)), parts=7, steps=2),
+        replace(_SQUARES, width=3),
+    ],
+    "space": [],
+    "one cell": [DrawnLevel(DrawnGraph()), DrawnLevel(DrawnGraph(DrawnMesh(cells=12)), parts=1)],
+}
 
 
-def cases(kind: str) -> list[Case]:
-    """Return the standard test cases for a kind of component whose inputs are not drawn."""
+def cases(kind: str, place: Place = "plane") -> list[Case]:
+    """Return the standard test cases for a kind of component, or none if all its test cases are drawn."""
     if kind == "solver":
-        return _problems()
+        return [recipe.case for recipe in _PROBLEMS[place]]
     if kind in ("smoother", *PARTS):
-        return on_levels(kind)
-    return [Case("it", ())] if kind == "sample" else on_meshes(kind)
-
-
-def cases_in_3d(kind: str) -> list[Case]:
-    """Return the 3-D test cases for a kind of component whose inputs are not drawn."""
-    if kind in _ABOUT_MESHES:
-        return in_space(kind)
-    if kind != "solver":
+        return [recipe.case(kind) for recipe in _LEVELS[place]]
+    if kind == "sample":
+        return [Case("it", ())] if place == "plane" else []
+    if kind in (*ON_GRAPHS, "metric"):
         return []
-    mesh = small_meshes.boxes()
-    hierarchy = _hierarchy(mesh, stripes(mesh.graph, 4))
-    return [Case("3-D boxes", (problem, hierarchy)) for problem in (Diffusion(), laplacian(mesh.graph, 1))]
-
-
-def degenerate(kind: str) -> list[Case]:
-    """Return test cases with a single cell or unknown, for kinds whose inputs are not drawn."""
-    if kind in _ABOUT_MESHES:
-        return of_one_cell(kind)
-    if kind in ("smoother", *PARTS):
-        return on_levels(kind, degenerate=True)
-    if kind != "solver":
-        return []
-    hierarchy = _hierarchy(small_meshes.grid(1, 1), frozen_int([0]))
-    return [
-        Case("one cell", (problem, hierarchy)) for problem in (Diffusion(), laplacian(hierarchy.graph, 1))
-    ]
+    if kind == "format" and place == "plane":
+        return [case_on(kind, mesh) for mesh in for_files()]
+    return [case_on(kind, recipe.mesh) for recipe in _MESHES[place]]
 
 
 def failing(kind: str) -> list[Case]:
     """Return test cases with zero or invalid data, which a solver or smoother may refuse or fail on."""
     if kind == "smoother":
-        level, b, x = on_levels(kind)[0].given
+        level, b, x = _SQUARES.smoothing
         nothing = replace(level, A=0.0 * level.A, inherited=0.0 * level.A)
         return [
             Case("zeros", (level, frozen_float(0.0 * b), frozen_float(0.0 * x))),
@@ -84,15 +95,16 @@ def failing(kind: str) -> list[Case]:
         ]
     if kind != "solver":
         return []
-    hierarchy = _problems()[0].given[1]
-    graph, fine = hierarchy.graph, laplacian(hierarchy.graph, 1)
+    fine, hierarchy = DrawnProblem(_ON_64, "even").posed
+    assert isinstance(fine, Linear)
+    graph = hierarchy.graph
     problems = {
         "no source": Diffusion(source=0.0),
         "a source of NaN": Diffusion(source=np.nan),
         "a negative coefficient": Diffusion(kappa=-1.0),
         "a right-hand side of zeros": replace(fine, b=frozen_float(np.zeros(graph.n))),
         "a right-hand side with NaN": replace(fine, b=frozen_float(np.full(graph.n, np.nan))),
-        "a singular system": laplacian(graph, 1, shift=0.0),
+        "a singular system": DrawnProblem(_ON_64, "singular").posed[0],
         "a matrix of zeros": replace(fine, A=0.0 * fine.A),
         "a system with too few cells": Linear(fine.A[1:, 1:], fine.b[1:], np.arange(graph.n)),
     }
@@ -200,9 +212,8 @@ def siblings(kind: str, *, partition: bool = False) -> Iterator[Case]:
             yield _cells_renumbered(mesh_case(recipe, "grown", 4))
     elif kind == "solver":
         for recipe in _STRETCHED:
-            mesh = recipe.mesh
-            hierarchy = _hierarchy(mesh, stripes(mesh.graph, 4))
-            for problem in (Diffusion(), Diffusion(source=3.0), laplacian(mesh.graph, 1)):
+            linear, hierarchy = DrawnProblem(recipe, "even").posed
+            for problem in (Diffusion(), Diffusion(source=3.0), linear):
                 yield Case("64 cells", (problem, hierarchy))
     else:
         for recipe in _STRETCHED[:1] if kind in PARTS else _STRETCHED:
@@ -265,7 +276,8 @@ def with_tags(kind: str) -> list[Case]:
     for recipe in recipes:
         mesh, values = recipe.mesh, {tag: float(tag) for tag in (0, 1, 2)}
         problem = Diffusion(2.0, 1.0, values, boundary=next(iter(mesh.face_tags)))
-        tagged.append(Case(recipe.tags[0][0], (problem, _hierarchy(mesh, stripes(mesh.graph, 2)))))
+        labels = drawn_labels(mesh.graph, "strips", 2)
+        tagged.append(Case(recipe.tags[0][0], (problem, on_levels(mesh, labels))))
     return tagged
 
 
@@ -280,45 +292,7 @@ def seeds_for(blocks: int, seed: int = 0) -> UInt64:
     return seeds
 
 
-def stripes(graph: Graph, parts: int) -> Int:
-    """Return labels of strips with equal cell counts, cut across the longest axis."""
-    return drawn_labels(graph, "strips", parts)
-
-
-def laplacian(graph: Graph, per_cell: int, shift: float = 0.1) -> Linear:
-    """Return a linear system with a shifted graph Laplacian, for ``per_cell`` unknowns per cell.
-
-    With ``shift=0`` it is singular.
-    """
-    adjacency = graph.to_scipy()
-    diagonal = adjacency.sum(axis=1) + shift
-    scalar = sparse.diags_array(diagonal) - adjacency
-    A = sparse.csr_array(sparse.kron(scalar, sparse.eye_array(per_cell)))
-    b: Float = frozen(1.0 + np.arange(A.shape[0]) / A.shape[0], np.float64)
-    return Linear(A, b, frozen_int(np.arange(graph.n + 1) * per_cell))
-
-
 def with_problem(case: Case, **changes: Any) -> Case:
     """Replace some attributes of the problem in a test case for a solver."""
     problem, hierarchy = case.given
     return replace(case, given=(replace(problem, **changes), hierarchy))
-
-
-def _problems() -> list[Case]:
-    mesh = small_meshes.grid(8, 8)
-    column, row = np.arange(64) % 8, np.arange(64) // 8
-    four, two = row // 2 * 4 + column // 2, row // 4 * 2 + column // 4
-    hexagons, jittered = small_meshes.hexagons(5, 4), small_meshes.grid(9, 7, jitter=0.2)
-    waves = Diffusion(source=lambda x: np.sin(x[:, 0]) + x[:, 1])
-    return [
-        Case("diffusion on squares, two levels", (Diffusion(), _hierarchy(mesh, four, two))),
-        Case("diffusion on hexagons", (waves, _hierarchy(hexagons, stripes(hexagons.graph, 4)))),
-        Case("diffusion on quadrilaterals", (waves, _hierarchy(jittered, stripes(jittered.graph, 6)))),
-        Case("a linear system on squares", (laplacian(mesh.graph, 1), _hierarchy(mesh, four, two))),
-        Case("a linear system of three per cell", (laplacian(mesh.graph, 3), _hierarchy(mesh, four))),
-    ]
-
-
-def _hierarchy(mesh: Mesh, *levels: Int) -> Hierarchy:
-    targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]
-    return Hierarchy(mesh, mesh.graph, list(levels), targets, nested=True)

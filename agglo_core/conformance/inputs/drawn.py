@@ -368,25 +368,7 @@ def _solid(recipe: DrawnMesh) -> Mesh:
 
 
 def _rectangles(nx: int, ny: int, recipe: DrawnMesh) -> Mesh:
-    axes = [_graded_axis(count, recipe.grading) for count in (nx, ny)]
-    x, y = np.meshgrid(*axes)
-    points = np.stack((x.ravel(), y.ravel()), axis=1)
-    if recipe.jitter:
-        # Displace each vertex by a share of the smallest extent beside it.
-        spacing = [
-            np.minimum(np.append(np.diff(axis), np.inf), np.insert(np.diff(axis), 0, np.inf)) for axis in axes
-        ]
-        widths = np.stack([s.ravel() for s in np.meshgrid(*spacing)], axis=1)
-        points = points + widths * recipe.jitter * np.random.default_rng(recipe.seed).uniform(
-            -1, 1, points.shape
-        )
-    corner = (np.arange(ny)[:, None] * (nx + 1) + np.arange(nx)).ravel()
-    return Mesh.from_polygons(points, corner[:, None] + np.array([0, 1, nx + 2, nx + 1]))
-
-
-def _graded_axis(count: int, grading: float) -> Float:
-    extents = grading ** (np.arange(count) / max(count - 1, 1))
-    return np.concatenate(([0.0], np.cumsum(extents)))
+    return small_meshes.grid(nx, ny, jitter=recipe.jitter, grading=recipe.grading, seed=recipe.seed)
 
 
 def _without_cell(mesh: Mesh, cell: int) -> Mesh:

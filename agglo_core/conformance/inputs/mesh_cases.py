@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import frozen_int
 from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.inputs import small_meshes
-from agglo_core.conformance.inputs.drawn import PLANE, DrawnMesh
-from agglo_core.hierarchy import Hierarchy
+from agglo_core.conformance.inputs.drawn import DrawnMesh, drawn_labels
+from agglo_core.conformance.inputs.solver_cases import on_levels
 from agglo_core.measure import RunResult, measure_levels
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion, Problem, Solution, solve
@@ -23,52 +22,21 @@ UNSAFE = '<b id="it\'s">R&D</b>'
 """Name of a mesh and a run, with characters that a report section must escape."""
 
 
-def on_meshes(kind: str) -> list[Case]:
-    """Return the test cases on 2-D meshes for a kind of component."""
-    if kind == "section":
-        return [
-            report_case(small_meshes.grid(6, 4)),
-            report_case(replace(small_meshes.mixed_polygons(), name=UNSAFE)),
-        ]
-    if kind != "format":
-        return [_case_on(kind, DrawnMesh(family, cells=20, jitter=0.25).mesh) for family in PLANE]
-    # Formats: triangles, tagged quadrilaterals, mixed polygons, and a cell with a hole.
+def for_files() -> list[Mesh]:
+    """Return meshes for formats: triangles, tagged quadrilaterals, mixed polygons, and a cell with a hole."""
     around = np.ones((5, 5), int)
     around[1:4, 1:4] = 0
-    meshes = [
-        replace(small_meshes.halved_squares(), name="triangles"),
-        tag_cells(small_meshes.grid(6, 4, jitter=0.2)),
-        small_meshes.mixed_polygons(),
-        replace(small_meshes.grid(5, 5).coarsen(frozen_int(around.ravel())), name="a cell with a hole"),
+    return [
+        DrawnMesh("triangles", cells=20).mesh,
+        tag_cells(DrawnMesh(cells=25, jitter=0.25).mesh),
+        DrawnMesh("hanging").mesh,
+        replace(DrawnMesh(cells=25).mesh.coarsen(frozen_int(around.ravel())), name="a cell with a hole"),
     ]
-    return [_case_on(kind, mesh) for mesh in meshes]
-
-
-def in_space(kind: str) -> list[Case]:
-    """Return the test cases on 3-D meshes for a kind of component.
-
-    Formats also get tetrahedra, because some formats support nothing else.
-    """
-    boxes = _case_on(kind, replace(small_meshes.boxes(3, 2, 2), name="3-D boxes"))
-    return [boxes, _case_on(kind, small_meshes.tetrahedra())] if kind == "format" else [boxes]
-
-
-def of_one_cell(kind: str) -> list[Case]:
-    """Return a test case on a mesh with a single cell."""
-    return [_case_on(kind, replace(small_meshes.grid(1, 1), name="one cell"))]
-
-
-def bands(mesh: Mesh, parts: int) -> Int:
-    """Return labels of strips with equal cell counts, cut across the longest axis."""
-    centres = mesh.local_centroids
-    axis = int(np.argmax(np.ptp(centres, axis=0)))
-    rank = np.argsort(np.argsort(centres[:, axis], kind="stable"), kind="stable")
-    return frozen_int(rank * min(parts, mesh.n_cells) // mesh.n_cells)
 
 
 def tag_cells(mesh: Mesh) -> Mesh:
     """Return the mesh with the cell tag :data:`TAG`: 1 in one half, 2 in the other."""
-    return replace(mesh, cell_tags={TAG: 1 + bands(mesh, 2)})
+    return replace(mesh, cell_tags={TAG: 1 + drawn_labels(mesh.graph, "strips", 2)})
 
 
 def tag_cells_and_faces(mesh: Mesh) -> Mesh:
@@ -82,12 +50,13 @@ def tag_cells_and_faces(mesh: Mesh) -> Mesh:
     return replace(mesh, face_tags={TAG: faces})
 
 
-def _case_on(kind: str, mesh: Mesh) -> Case:
+def case_on(kind: str, mesh: Mesh) -> Case:
+    """Return the test case on a mesh for a kind of component that is called with whole meshes."""
     arguments: Sequence[object] = (mesh,)
     if kind == "format":
         arguments = (mesh, "")
     elif kind == "constraint":
-        arguments = (tag_cells_and_faces(mesh), bands(mesh, 3))
+        arguments = (tag_cells_and_faces(mesh), drawn_labels(mesh.graph, "strips", 3))
     elif kind == "discretisation":
         arguments = (Diffusion(source=lambda x: 1.0 + x[:, 0]), mesh)
     elif kind == "estimator":
@@ -104,9 +73,8 @@ def solved(problem: Problem, mesh: Mesh) -> Solution:
 
 def report_case(mesh: Mesh, unsafe: str = UNSAFE, *, completed: bool = True) -> Case:
     """Return a test case for report sections: a completed run with two levels, and a failed run."""
-    levels = [bands(mesh, 4), bands(mesh, 4) // 2]
-    targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]
-    hierarchy = Hierarchy(mesh, mesh.graph, levels, targets, nested=True)
+    labels = drawn_labels(mesh.graph, "strips", 4)
+    hierarchy = on_levels(mesh, labels, labels // 2)
     runs = [
         RunResult(mesh.name, hierarchy, measure_levels(mesh, hierarchy), 0.25, cpu_seconds=0.25),
         RunResult(f"another {unsafe}", None, error=f"it could not be run on {unsafe}"),

@@ -24,7 +24,6 @@ COUPLINGS: tuple[Couplings, ...] = ("even", "uneven", "wide")
 
 
 _NINE = DrawnGraph(DrawnMesh(cells=9))
-_SQUARES = DrawnGraph(DrawnMesh(cells=64))
 
 
 @dataclass(frozen=True, repr=False)
@@ -110,14 +109,14 @@ class DrawnLevel(Recipe):
         A = self.coarsening[0].A
         return A, _load(A.shape[0])
 
-    def case(self, kind: str, name: str = "") -> Case:
+    def case(self, kind: str) -> Case:
         """Return the test case for a kind of multigrid component, with the code that makes it."""
         variables, attribute = {
             "smoother": ("level, b, x", "smoothing"),
             "coarse_solver": ("A, b", "system"),
         }.get(kind, ("step, P", "coarsening"))
         given = getattr(self, attribute)[: 1 if kind == "transfer" else None]
-        name = name or f"a level of {self.drawn.graph.n * self.width} unknowns"
+        name = f"a level of {self.drawn.graph.n * self.width} unknowns"
         return Case(name, given, f"{variables} = {self!r}.{attribute}")
 
 
@@ -215,21 +214,3 @@ def question(name: str, level: MultigridLevel) -> Case:
 
 def _load(n: int) -> Float:
     return frozen_float(1.0 + np.cos(np.arange(n) + 1.0))  # with a constant part, the smoothest mode
-
-
-_STANDARD = {
-    "squares": DrawnLevel(_SQUARES, "grown", 16, steps=2),
-    "squares with a coarse correction": DrawnLevel(_SQUARES, "grown", 16, steps=2, corrected=True),
-    "quadrilaterals": DrawnLevel(DrawnGraph(DrawnMesh(cells=63, jitter=0.25)), parts=7, steps=2),
-    "three unknowns per cell": DrawnLevel(_SQUARES, "grown", 16, width=3, steps=2),
-}
-_DEGENERATE = {
-    "one unknown": DrawnLevel(DrawnGraph()),
-    "all in one part": DrawnLevel(DrawnGraph(DrawnMesh(cells=12)), parts=1),
-}
-
-
-def on_levels(kind: str, *, degenerate: bool = False) -> list[Case]:
-    """Return the standard or degenerate test cases for a kind of multigrid component."""
-    recipes = _DEGENERATE if degenerate else _STANDARD
-    return [recipe.case(kind, name) for name, recipe in recipes.items()]

@@ -23,7 +23,6 @@ from agglo_core.conformance.base.verdict import FORM, Broken
 from agglo_core.conformance.inputs.cases import (
     ON_GRAPHS,
     cases,
-    cases_in_3d,
     huge_case,
     kway_case,
     large_case,
@@ -102,7 +101,7 @@ def questions(subject: Subject, seed: int = 0) -> list[Case]:
 
 def in_space(subject: Subject) -> list[Case]:
     """Return the 3-D test cases of a component that promises 3-D, or else an empty list."""
-    return cases_in_3d(subject.kind) if subject.promised("3d") else []
+    return cases(subject.kind, "space") if subject.promised("3d") else []
 
 
 def _with_partitions(subject: Subject, test_cases: list[Case]) -> list[Case]:
@@ -139,7 +138,7 @@ def large_graphs(subject: Subject) -> list[Case]:
 def questions_in_3d(subject: Subject) -> list[Case]:
     """Return a few 3-D test cases for a component that accepts them, drawn where its inputs are drawn."""
     strategy = strategy_for(subject, SOLID)
-    test_cases = cases_in_3d(subject.kind) if strategy is None else examples_of(strategy, _FEW)
+    test_cases = cases(subject.kind, "space") if strategy is None else examples_of(strategy, _FEW)
     test_cases = _with_partitions(subject, test_cases)
     return with_suffix(subject, test_cases) if subject.kind == "format" else test_cases
 

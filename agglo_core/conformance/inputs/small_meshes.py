@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -10,21 +9,25 @@ import numpy as np
 from agglo_core.mesh import Mesh
 
 
-def grid(nx: int, ny: int, *, width: float = 1.0, height: float = 1.0, jitter: float = 0.0) -> Mesh:
+def grid(nx: int, ny: int, *, jitter: float = 0.0, grading: float = 1.0, seed: int = 0) -> Mesh:
     """Return a mesh of ``nx`` by ``ny`` quadrilaterals.
 
-    ``jitter`` bounds the vertex displacement, relative to the spacing.
+    ``grading`` is the ratio of the last extent to the first along each axis. ``jitter`` bounds the vertex
+    displacement, relative to the smallest extent beside the vertex.
     """
-    x, y = np.meshgrid(np.arange(nx + 1.0), np.arange(ny + 1.0))
-    points = np.stack((x.ravel(), y.ravel()), axis=1)
-    if jitter:
-        points += np.random.default_rng(nx * 1000 + ny).uniform(-jitter, jitter, points.shape)
+    axes, gaps = [], []
+    for count in (nx, ny):
+        extents = grading ** (np.arange(count) / max(count - 1, 1))
+        axes.append(np.concatenate(([0.0], np.cumsum(extents))))
+        gaps.append(np.minimum(np.append(extents, np.inf), np.insert(extents, 0, np.inf)))
+    points, widths = (np.stack([x.ravel() for x in np.meshgrid(*each)], axis=1) for each in (axes, gaps))
+    points += jitter * widths * np.random.default_rng(seed).uniform(-1, 1, points.shape)
     corner = (np.arange(ny)[:, None] * (nx + 1) + np.arange(nx)).ravel()
     cells = corner[:, None] + np.array([0, 1, nx + 2, nx + 1])
-    return Mesh.from_polygons(points * (width, height), cells, name=f"{nx} by {ny} grid")
+    return Mesh.from_polygons(points, cells, name=f"{nx} by {ny} grid")
 
 
-def halved_squares(nx: int = 5, ny: int = 4) -> Mesh:
+def halved_squares(nx: int, ny: int) -> Mesh:
     """Return a mesh of ``nx`` by ``ny`` squares, each cut into two triangles."""
     quads = grid(nx, ny)
     a, b, c, d = quads.boundary_loops.vertices.reshape(-1, 4).T
@@ -76,25 +79,10 @@ def comb() -> Mesh:
     )
 
 
-def two_grids() -> Mesh:
-    """Return a mesh of two grids that do not touch."""
-    mesh = grid(3, 2)
-    loops = mesh.boundary_loops.vertices.reshape(-1, 4)
-    points = np.concatenate((mesh.points, mesh.points + np.array([5.0, 1.0])))
-    return Mesh.from_polygons(points, np.concatenate((loops, loops + mesh.n_points)), name="two components")
-
-
-def boxes(nx: int = 5, ny: int = 3, nz: int = 2, *, cuts: int = 1, without: Sequence[int] = ()) -> Mesh:
-    """Return a 3-D mesh of unequal boxes, each cut into ``cuts`` cells along each axis.
-
-    Cells with an index in ``without`` are omitted.
-    """
-    # Random spacings along the axes, refined by linear interpolation.
+def boxes(nx: int = 5, ny: int = 3, nz: int = 2) -> Mesh:
+    """Return a 3-D mesh of unequal boxes."""
     rng = np.random.default_rng(nx + 10 * ny + 100 * nz)
     axes = [np.concatenate(([0.0], np.cumsum(rng.uniform(0.7, 1.3, n)))) for n in (nx, ny, nz)]
-    if cuts > 1:
-        axes = [np.interp(np.arange((len(x) - 1) * cuts + 1) / cuts, np.arange(len(x)), x) for x in axes]
-        nx, ny, nz = cuts * nx, cuts * ny, cuts * nz
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     # Index offsets of a box: its low corner, and its six faces relative to this corner.
     di, dj = (ny + 1) * (nz + 1), nz + 1
@@ -109,13 +97,4 @@ def boxes(nx: int = 5, ny: int = 3, nz: int = 2, *, cuts: int = 1, without: Sequ
             (1, di + 1, di + dj + 1, dj + 1),
         ]
     )
-    polyhedra = [(a + low).tolist() for place, a in enumerate(corner) if place not in without]
-    return Mesh.from_polyhedra(points, polyhedra, name="boxes")
-
-
-def tetrahedra() -> Mesh:
-    """Return a mesh of two tetrahedra with a common face."""
-    points = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.2, 0.3, 1.0), (0.3, 0.2, -1.0)]
-    upper = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
-    lower = [(0, 1, 2), (1, 0, 4), (2, 1, 4), (0, 2, 4)]
-    return Mesh.from_polyhedra(points, [upper, lower], name="tetrahedra")
+    return Mesh.from_polyhedra(points, [(a + low).tolist() for a in corner], name="boxes")

@@ -113,6 +113,7 @@ class DrawnProblem(Recipe):
         """The test case, named by problem and mesh."""
         posed = self.posed
         name = f"a problem {self.sort!r} on {posed[1].graph.n} {self.drawn.family}"
+        name += f" with {self.width} unknowns per cell" * (self.width > 1)
         return Case(name, posed, f"problem, hierarchy = {self!r}.posed")
 
 

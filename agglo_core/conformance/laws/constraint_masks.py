@@ -13,8 +13,8 @@ from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.own_components import own_components
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
-from agglo_core.conformance.inputs import small_meshes
-from agglo_core.conformance.inputs.mesh_cases import bands, tag_cells_and_faces
+from agglo_core.conformance.inputs.drawn import DrawnMesh, drawn_labels
+from agglo_core.conformance.inputs.mesh_cases import tag_cells_and_faces
 from agglo_core.conformance.inputs.mesh_changes import renumber_mesh
 from agglo_core.conformance.inputs.questions import answer, in_words
 from agglo_core.conformance.inputs.strategies import constraint_cases
@@ -75,7 +75,7 @@ def bound_to_its_mesh(subject: Subject, case: Case) -> None:
     tool = subject.build()
     rule = tool.for_mesh(case.given[0])
     methods = {name: getattr(rule, name) for name in before}
-    tool.for_mesh(tag_cells_and_faces(small_meshes.grid(5, 3, jitter=0.2)))
+    tool.for_mesh(tag_cells_and_faces(DrawnMesh(cells=15, jitter=0.25).mesh))
     later = replace(case, name=f"{case.name}, after a call of for_mesh with another mesh")
     for method, mask in answer(subject, SimpleNamespace(**methods), later).items():
         require(
@@ -129,7 +129,7 @@ def pieces_admissible(subject: Subject, case: Case) -> None:
         f"on {cells.name}: a cell is not admissible, and cannot be split",
     )
     # Parts cut by the halves of the mesh; ``part_of_piece`` maps each piece to its part.
-    number = np.unique(2 * labels + bands(mesh, 2), return_inverse=True)[1]
+    number = np.unique(2 * labels + drawn_labels(mesh.graph, "strips", 2), return_inverse=True)[1]
     finer = Case(f"{case.name}, parts halved", (mesh, frozen_int(number)))
     part_of_piece = np.empty(int(number.max()) + 1, np.int64)
     part_of_piece[number] = labels
@@ -145,7 +145,7 @@ def constraint_kept(subject: Subject) -> None:
     """In a run every part is admissible, and connected without the forbidden edges."""
     from agglo_core.agglomeration.one_call import agglomerate
 
-    mesh, tool = tag_cells_and_faces(small_meshes.grid(9, 7, jitter=0.2)), subject.build()
+    mesh, tool = tag_cells_and_faces(DrawnMesh(cells=63, jitter=0.25).mesh), subject.build()
     try:
         labels = agglomerate(
             mesh, n_parts=21, bisector="inertial", constraints=[tool], registry=own_components()

@@ -11,7 +11,6 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
-from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.drawn import DrawnMesh
 from agglo_core.conformance.inputs.mesh_cases import solved
 from agglo_core.conformance.inputs.questions import answer, as_array, in_words, questions
@@ -29,8 +28,8 @@ def _takes_diffusion(subject: Subject) -> bool:
 
 def _meshes(subject: Subject) -> list[Mesh]:
     """Return 2-D meshes of several kinds, and a 3-D mesh if the estimator supports it."""
-    plane = [small_meshes.grid(6, 6, jitter=0.2), DrawnMesh("triangles", cells=60, jitter=0.25).mesh]
-    return plane + ([small_meshes.boxes(3, 3, 3)] if subject.promised("3d") else [])
+    plane = [DrawnMesh(cells=36, jitter=0.25).mesh, DrawnMesh("triangles", cells=60, jitter=0.25).mesh]
+    return plane + ([DrawnMesh("boxes", cells=27).mesh] if subject.promised("3d") else [])
 
 
 @law("estimator", fixed=questions)

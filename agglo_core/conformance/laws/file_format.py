@@ -19,8 +19,9 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
-from agglo_core.conformance.inputs.mesh_cases import bands
+from agglo_core.conformance.inputs.drawn import drawn_labels
 from agglo_core.conformance.inputs.questions import answer, digest, in_words, questions, same
+from agglo_core.conformance.inputs.solver_cases import on_levels
 from agglo_core.conformance.inputs.strategies import format_cases
 from agglo_core.errors import AggloError
 from agglo_core.hierarchy import Hierarchy
@@ -96,11 +97,9 @@ def hierarchy_kept(subject: Subject, case: Case) -> None:
     """A written hierarchy is read back by read_hierarchy, or as cell tags level_0, …, or else refused."""
     mesh = case.given[0]
     for nested in (True, False):
-        fine = bands(mesh, 4)
+        fine = drawn_labels(mesh.graph, "strips", 4)
         coarse = fine // 2 if nested else frozen_int(np.arange(mesh.n_cells) % 2)
-        targets = [{"n_parts": int(labels.max()) + 1} for labels in (fine, coarse)]
-        hierarchy = Hierarchy(mesh, mesh.graph, [fine, coarse], targets, nested=nested)
-        _require_kept(subject, case, hierarchy)
+        _require_kept(subject, case, replace(on_levels(mesh, fine, coarse), nested=nested))
 
 
 def _require_kept(subject: Subject, case: Case, hierarchy: Hierarchy) -> None:

@@ -10,7 +10,7 @@ from agglo_core.conformance.base.law import ASKED, law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.surroundings import Snapshot, enter_empty_folder, stdout_of_process
 from agglo_core.conformance.base.verdict import Broken, require
-from agglo_core.conformance.inputs.cases import degenerate, failing
+from agglo_core.conformance.inputs.cases import cases, failing
 from agglo_core.conformance.inputs.mesh_cases import TAG
 from agglo_core.conformance.inputs.questions import (
     answer,
@@ -98,7 +98,7 @@ def surroundings_kept(subject: Subject) -> None:
     remedy = "these settings belong to the program: change them in a with block (np.errstate) or not at all"
     require(not subject.disturbed, f"building it changed {', '.join(subject.disturbed)}: {remedy}")
     before = Snapshot()
-    small = [*degenerate(subject.kind), *failing(subject.kind), *questions_in_3d(subject)[:3]]
+    small = [*cases(subject.kind, "one cell"), *failing(subject.kind), *questions_in_3d(subject)[:3]]
     test_cases = [*questions(subject), *small]
     for case in test_cases[:1]:
         with contextlib.suppress(Broken):
@@ -146,5 +146,5 @@ def answers(subject: Subject) -> None:
     require(
         test_cases or subject.kind not in _REFUSING or _only_reads(subject), _REFUSING.get(subject.kind, "")
     )
-    for case in [*test_cases, *select_accepted(subject, degenerate(subject.kind))]:
+    for case in [*test_cases, *select_accepted(subject, cases(subject.kind, "one cell"))]:
         answer(subject, subject.build(), case)

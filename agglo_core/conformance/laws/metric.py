@@ -16,7 +16,6 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import ATTRIBUTES, FORM, require
-from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.cases import mesh_case
 from agglo_core.conformance.inputs.drawn import DrawnMesh, beside
 from agglo_core.conformance.inputs.mesh_changes import (
@@ -212,7 +211,7 @@ def far_parts_do_not_matter(subject: Subject, case: Case) -> None:
     before = plain(subject, subject.build(), case)
     remedy = "set relative = True if a value is relative to those of all parts, as diam(P) / h is"
     # Another component beside the mesh, with larger cells that form a part of their own.
-    other = small_meshes.grid(2, 2) if mesh.dim == 2 else small_meshes.boxes(2, 1, 1)
+    other = DrawnMesh("rectangles" if mesh.dim == 2 else "boxes", cells=4).mesh
     other = replace(other, points=other.points * (3.0 * float(np.ptp(mesh.points[:, 0]))))
     wider = (beside(mesh, other), np.append(labels, np.full(other.n_cells, len(before))))
     values = plain(subject, subject.build(), replace(case, given=wider))[:-1]

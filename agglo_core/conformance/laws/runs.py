@@ -14,7 +14,8 @@ from agglo_core.conformance.base.own_components import own_components
 from agglo_core.conformance.base.running import runs_both_ways, runs_with
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
-from agglo_core.conformance.inputs.cases import SIBLINGS, stripes
+from agglo_core.conformance.inputs.cases import SIBLINGS
+from agglo_core.conformance.inputs.drawn import drawn_labels
 from agglo_core.conformance.inputs.questions import global_random, plain, same
 from agglo_core.conformance.inputs.speed import seconds_for
 from agglo_core.conformance.inputs.strategies import run_cases
@@ -34,7 +35,7 @@ def works_in_a_run(subject: Subject, case: Case) -> None:
     mesh, target = case.given
     try:
         if subject.kind == "metric":
-            labels = stripes(mesh.graph, 3)
+            labels = drawn_labels(mesh.graph, "strips", 3)
             quality(mesh, labels, metrics=[subject.build()], registry=own_components())
             return
         for description, hierarchy in runs_with(subject, mesh, target):
