@@ -229,10 +229,10 @@ def boundary_tags(mesh: Mesh, name: str = Diffusion.boundary) -> list[int]:
     return [int(tag) for tag in np.unique(tags[mesh.outer_faces])]
 
 
-def on_levels(mesh: Mesh, *levels: Int) -> Hierarchy:
+def on_levels(mesh: Mesh, *levels: Int, nested: bool = True) -> Hierarchy:
     """Return the hierarchy with the given labels for each level, finest first."""
     targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]
-    return Hierarchy(mesh, mesh.graph, list(levels), targets, nested=True)
+    return Hierarchy(mesh, mesh.graph, list(levels), targets, nested=nested)
 
 
 def times(field: Field, factor: float) -> Field:

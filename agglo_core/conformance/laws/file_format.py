@@ -99,7 +99,7 @@ def hierarchy_kept(subject: Subject, case: Case) -> None:
     for nested in (True, False):
         fine = drawn_labels(mesh.graph, "strips", 4)
         coarse = fine // 2 if nested else frozen_int(np.arange(mesh.n_cells) % 2)
-        _require_kept(subject, case, replace(on_levels(mesh, fine, coarse), nested=nested))
+        _require_kept(subject, case, on_levels(mesh, fine, coarse, nested=nested))
 
 
 def _require_kept(subject: Subject, case: Case, hierarchy: Hierarchy) -> None:

@@ -252,6 +252,6 @@ MUTANTS = [
     Mutant("smoother_symmetric", SteepestDescent, "nonlinear", {"symmetric": True}),
     Mutant("same_seed_same_result", DrawsTheDamping, "without a seed"),
     Mutant("same_seed_same_result", MoreEachTime, "keep nothing between calls"),
-    Mutant("answers", NeedsTwoUnknowns, "one unknown"),
+    Mutant("answers", NeedsTwoUnknowns, "a level of 1 "),
     Mutant("pickles", HoldsAFunction, "no lambdas", {"pickles": True}),
 ]
