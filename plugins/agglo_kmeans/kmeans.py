@@ -31,6 +31,14 @@ _LATTICE_STEPS = 1
 """Lloyd steps from a lattice. More fit the parts better to curved outlines, and take longer
 (benchmarks/solver_shapes.py --objective, brain)."""
 
+_SIZE_STEPS = 3
+"""Lloyd steps from a lattice for a target size. With one, a sixth less time, but 2 to 3 % more parts of
+triangles and of the brain (benchmarks/gnn.py sizes)."""
+
+_SIZE_SHARE = 0.85
+"""Lattice points for a target size, relative to the count in the target. Lattice parts fill more of a disc
+than bisections: with 0.78 or 1, there are up to 8 % more parts (benchmarks/gnn.py sizes)."""
+
 
 class KMeans:
     """Bisect by 2-means on the cell centroids, weighted by ``graph.weights`` (paper, §2.2).
@@ -43,7 +51,7 @@ class KMeans:
     Parameters
     ----------
     iterations : int
-        Lloyd steps in the k-way ``partition``.
+        Lloyd steps in the k-way ``partition`` from runs of a curve. From a lattice there are fewer.
     effort : "quick", "fast", "good" or "best", optional
         Anneal the k-way partition: about 7, 9, 30 or 200 ms for 300 cells, more for roundness. If nothing
         better is found, the bisections' result is returned. The result depends on the seed, and on
@@ -125,19 +133,22 @@ class KMeans:
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
         """Partition a graph by k-means with ``target.parts`` means, and return the labels ``(n,)``.
 
-        The means start as equal-mass runs of a space-filling curve, followed by a few Lloyd steps. Some
-        labels may be unused. ``seed`` only matters with an ``effort``; then, for a target size, the number
-        of parts is free.
+        The means start as equal-mass runs of a space-filling curve, or for a target size in 2-D as a
+        hexagonal lattice, followed by a few Lloyd steps. Some labels may be unused. For a target size the
+        number of parts is free. ``seed`` only matters with an ``effort``.
         """
+        parts = target.parts or 1
+        if self.search is None and target.h_star is None:
+            return self._lloyd(graph, parts)
         if self.search is None:
-            return self._lloyd(graph, target.parts or 1)
+            return self._around_lattice(graph, parts, _SIZE_SHARE, _SIZE_STEPS)
         start = self._around_lattice if self.search.objective == "solver" else self._lloyd
         return self.search.parts(graph, target, seed, start, self._bisected)
 
-    def _around_lattice(self, graph: Graph, k: int) -> Int:
-        """Partition into at most k parts, around a hexagonal lattice if possible, otherwise by ``_lloyd``."""
-        labels = lattice_parts(graph, k)
-        return self._lloyd(graph, k) if labels is None else _lloyd_steps(graph, labels, _LATTICE_STEPS)
+    def _around_lattice(self, graph: Graph, k: int, share: float = 1.0, steps: int = _LATTICE_STEPS) -> Int:
+        """Partition around ``share`` times k lattice points if possible, otherwise by ``_lloyd``."""
+        labels = lattice_parts(graph, max(1, round(share * k)))
+        return self._lloyd(graph, k) if labels is None else _lloyd_steps(graph, labels, steps)
 
     def _bisected(self, graph: Graph, target: Target) -> Int:
         """Partition a connected graph by recursive bisection, and return the labels."""

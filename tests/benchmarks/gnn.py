@@ -1,6 +1,6 @@
 """Compare the learned bisector with METIS, 2-means and sweeps.
 
-    python tests/benchmarks/gnn.py [bisection] [recursion] [quality] [lookahead] [--seeds N] [--repeats N]
+    python tests/benchmarks/gnn.py [TABLE ...] [--seeds N] [--repeats N]
 
 One thread, one process. ``bisection``: one split of a graph whose cells are ordered along a Morton curve,
 including refinement (except for the paper's network), next to ``pymetis.part_graph(2)``; median wall
@@ -8,7 +8,9 @@ time of the repeats. ``ncut`` is cut length · √A (1/A₁ + 1/A₂), 4 for a h
 paper's normalised cut, which counts edges.
 ``recursion``: down to parts of about 10 cells, CPU seconds, METIS with the same part count.
 ``quality``: UF / CR / part count, mean over seeds and four values of h*. ``lookahead``: the same values
-for ``gnn`` with candidates tried.
+for ``gnn`` with candidates tried. ``sizes``: which method needs the fewest parts of a given size, in 2-D and
+3-D: part count and CPU time over those of merged ``kmeans``, paired by mesh and size. ``±`` is the standard
+error over the meshes.
 """
 
 from __future__ import annotations
@@ -207,12 +209,91 @@ def lookahead(seeds: int) -> None:
             print(f"{title:14}{count:3d}  {uf:.3f}/{cr:.3f}/{parts:.1f}  {each:.3f} s a mesh")
 
 
+BY_SIZE: dict[str, dict[str, Any]] = {
+    "kmeans, merged": {"merge": True},
+    "kmeans": {},
+    "sweep, merged": {"bisector": "sweep", "merge": True},
+    "gnn, merged": {"bisector": "gnn", "merge": True},
+    "gnn lookahead=5, merged": {"bisector": ("gnn", {"lookahead": 5}), "merge": True},
+    "k-way, merged": {"method": "kway", "merge": True},
+    "quick, merged": {"method": "kway", "bisector": ("kmeans", {"effort": "quick"}), "merge": True},
+    "fast, merged": {"method": "kway", "bisector": ("kmeans", {"effort": "fast"}), "merge": True},
+    "fast roundness": {
+        "method": "kway",
+        "bisector": ("kmeans", {"effort": "fast", "objective": "roundness"}),
+    },
+}
+
+
+def star(seed: int) -> Mesh:
+    """Return the Voronoi cells within a star with smooth random outline."""
+    mesh = samples.voronoi(8000, seed)
+    x, y = (mesh.cell_centroids - 0.5).T
+    angle, phases = np.arctan2(y, x), np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, 3)
+    waves = zip((0.10, 0.07, 0.05), (2, 3, 5), phases, strict=True)
+    radius = 0.3 + sum(size * np.cos(count * angle + phase) for size, count, phase in waves)
+    inside = np.flatnonzero(np.hypot(x, y) < radius)
+    return Mesh.from_polygons(mesh.points, [mesh.cells[int(i)] for i in inside])
+
+
+def agglomerates(seed: int) -> Mesh:
+    """Return polyhedra of about 6 tetrahedra each."""
+    return agglo.agglomerate(samples.random_tetrahedra(2600, seed), cells_per_part=6).mesh(0)
+
+
+SIZED: dict[str, tuple[Callable[[int], Mesh], float]] = {
+    "Voronoi": (lambda seed: samples.voronoi(4000, seed), 0.2),
+    "Voronoi, small parts": (lambda seed: samples.voronoi(4000, seed), 0.08),
+    "triangles": (lambda seed: samples.random_triangles(2000, seed), 0.2),
+    "stars": (star, 0.2),
+    "brain": (lambda seed: samples.brain(), 18.0),
+    "tetrahedra": (lambda seed: samples.random_tetrahedra(700, seed), 0.4),
+    "Voronoi 3-D": (lambda seed: samples.voronoi3d(2500, seed), 0.4),
+    "hexahedra": (lambda seed: samples.boxes(10 + seed % 12), 0.4),
+    "agglomerates": (agglomerates, 0.48),
+}
+"""Meshes by seed, and the middle of four sizes h* over an octave."""
+
+
+def sizes(seeds: int) -> None:
+    """Print part counts and times over those of merged k-means, for each family and method."""
+    for title, (make, size) in SIZED.items():
+        meshes = [make(seed) for seed in range(9700, 9700 + (1 if title == "brain" else seeds))]
+        names = [name for name in BY_SIZE if meshes[0].dim == 2 or "lookahead" not in name]
+        found = np.array(
+            [[[by_size(mesh, f * size, name) for name in names] for f in OCTAVE] for mesh in meshes]
+        )
+        cells = meshes[0].n_cells / found[0, :, 0, 0].mean()
+        print(
+            f"\n{title}, {len(meshes)} meshes, {cells:.0f} cells per part\n{'':24}parts            time    UF"
+        )
+        parts, seconds = (found[..., k] / found[..., :1, k] for k in (0, 1))
+        for k, name in enumerate(names):
+            means = parts[..., k].mean(axis=1)
+            error = f"± {means.std(ddof=1) / np.sqrt(len(means)):.3f}" if len(means) > 1 else " " * 7
+            time_ratio, uf = np.median(seconds[..., k]), found[..., k, 2].mean()
+            print(f"{name:24}{means.mean():.3f} {error} {time_ratio:7.2f} {uf:7.3f}", flush=True)
+
+
+def by_size(mesh: Mesh, size: float, name: str) -> tuple[float, float, float]:
+    """Return part count, CPU seconds and mean UF of one level, after a first call on the mesh."""
+
+    def call() -> Labels:
+        return agglo.agglomerate(mesh, h_star=size, **BY_SIZE[name]).levels[0]
+
+    seconds, labels = timed(call, 1, time.process_time)
+    uf = mesh.graph.part_diameters(frozen_int(labels)).mean() / size
+    return float(labels.max() + 1), seconds, float(uf)
+
+
 def main() -> None:
     """Read the arguments and print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("tables", nargs="*", help="bisection, recursion, quality, lookahead; default all")
+    parser.add_argument(
+        "tables", nargs="*", help="bisection, recursion, quality, lookahead, sizes; default all"
+    )
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--repeats", type=int, default=25)
     options = parser.parse_args()
@@ -221,6 +302,7 @@ def main() -> None:
         "recursion": lambda: recursion(min(options.repeats, 7)),
         "quality": lambda: quality(options.seeds),
         "lookahead": lambda: lookahead(2 * options.seeds),
+        "sizes": lambda: sizes(options.seeds),
     }
     for name in options.tables or tables:
         tables[name]()

@@ -108,6 +108,18 @@ def test_quick_parts_are_better_than_k_way_and_fewer_for_a_size(make) -> None:
         assert graph.part_diameters(quick).max() <= size * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("make", [samples.voronoi, samples.random_triangles])
+def test_k_way_needs_fewer_parts_for_a_size_than_bisections(make) -> None:
+    mesh = make(2000, seed=43)
+    for size in (0.16, 0.3):  # at sizes slightly above √2 / 2ⁿ bisections of a square are as good
+        counts = {}
+        for method in ("kway", "recursive"):
+            labels = agglomerate(mesh, h_star=size, method=method, merge=True).levels[0]
+            assert mesh.graph.part_diameters(labels).max() <= size * (1 + 1e-9)
+            counts[method] = labels.max() + 1
+        assert counts["kway"] <= 0.92 * counts["recursive"]
+
+
 @pytest.fixture
 def lattices(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Graph, int]]:
     """Record the graphs and counts for which a lattice is made."""
