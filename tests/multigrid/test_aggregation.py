@@ -11,7 +11,7 @@ from flux_matrices import iterations, truss, two_point_flux, two_valued
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from agglo_core import samples
+from agglo_core import agglomerate, samples
 from agglo_core.errors import OptionError
 from agglo_core.multigrid import LevelStack, aggregation_stack, classical_stack, cycle, pcg
 
@@ -35,6 +35,25 @@ def test_few_iterations_whatever_the_coefficient(seed: int) -> None:
             stack = aggregation_stack(A)
             assert iterations(A, cycle(stack), mesh.cell_measures) <= bound
             assert stack.operator_complexity < 2.3
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_labels_where_the_coefficient_jumps_from_cell_to_cell(seed: int) -> None:
+    """Aggregates of different size have different near-null values, by which couplings are scaled."""
+    mesh = samples.voronoi(4096, seed)
+    A = two_point_flux(mesh, two_valued(4096, seed))
+    labels = agglomerate(mesh, cells_per_part=(8, 64)).levels
+    assert iterations(A, cycle(classical_stack(A, labels=labels, coarsest=100)), mesh.cell_measures) <= 24
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_aggregates_do_not_depend_on_the_scaling_of_unknowns(seed: int) -> None:
+    mesh = samples.voronoi(1000, seed)
+    A = two_point_flux(mesh, two_valued(1000, seed))
+    scale = 2.0 ** np.random.default_rng(seed).integers(-4, 5, 1000)
+    D = sparse.diags_array(scale)
+    plain, scaled = aggregation_stack(A), aggregation_stack(D @ A @ D, near_null=1 / scale)
+    assert np.array_equal(plain.levels[1].labels, scaled.levels[1].labels)
 
 
 def test_counts_do_not_grow_with_the_mesh() -> None:

@@ -128,7 +128,8 @@ def aggregation_stack(
     theta : float
         A coupling between parts i and j is strong if above θ times the value of ν equal couplings:
         −a_ij > θ max(a_ii, a_jj) / ν, with the mean number ν of neighbours, at least 6. Blocks are
-        measured in the Frobenius norm.
+        measured in the Frobenius norm. With one near-null vector v and single unknowns, a_ij is the entry
+        of diag(v) A diag(v), so that no scaling of the unknowns matters.
     weak : float
         Couplings up to this fraction of the diagonal are omitted from prolongation smoothing.
     dtype : numpy dtype
@@ -176,6 +177,8 @@ def aggregation_stack(
         # 1. Coupling strength, and the aggregates of the level.
         part_of = frozen_int(np.repeat(np.arange(len(offsets) - 1), np.diff(offsets)))
         strength, scalar = Couplings.of(matrix, offsets, part_of), matrix.shape[0] == len(offsets) - 1
+        if scalar and B.shape[1] == 1:
+            strength = strength.scaled(B[:, 0])
         current_labels = (
             _current_labels(level_labels[len(levels)], holder, len(offsets) - 1)
             if len(levels) < len(level_labels)

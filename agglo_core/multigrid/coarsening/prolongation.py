@@ -27,6 +27,11 @@ class Couplings(NamedTuple):
         found = couplings(A.indptr, A.indices, A.data, offsets, part_of)
         return cls(*(frozen(array, array.dtype) for array in found))
 
+    def scaled(self, vector: Float) -> Couplings:
+        """Return the couplings of diag(v) A diag(v), for single unknowns and a ``vector (n,)`` v."""
+        row = np.repeat(vector, np.diff(self.graph))
+        return self._replace(weight=self.weight * row * vector[self.to], size=self.size * vector**2)
+
     @property
     def neighbours(self) -> float:
         """Mean neighbour count of a part."""
