@@ -15,7 +15,8 @@ from agglo_core.fields.errors import error_norms
 from agglo_core.fields.floating import Floating, magnitude
 from agglo_core.fields.gauss_points import gauss, simplex_rule
 from agglo_core.fields.location import locate
-from agglo_core.fields.residuals import CellResiduals, Polynomials, cell_residuals, kappa_values, times
+from agglo_core.fields.polynomials import AtPoints, Polynomials
+from agglo_core.fields.residuals import CellResiduals, cell_residuals, kappa_values, times
 from agglo_core.fields.rules import Batch, inside
 from agglo_core.fields.sampling import sample_points
 from agglo_core.fields.simplices import triangles_of_faces
@@ -23,6 +24,7 @@ from agglo_core.fields.tensors import Tensor
 from agglo_core.fields.values import per_cell, sample
 
 __all__ = [
+    "AtPoints",
     "Batch",
     "BoundaryParts",
     "CellResiduals",

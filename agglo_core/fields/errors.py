@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Final
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, Mask
-from agglo_core.fields.residuals import AtPoints, kappa_values, times
+from agglo_core.arrays import Mask
+from agglo_core.fields.polynomials import Polynomials
+from agglo_core.fields.residuals import kappa_values, times
 from agglo_core.fields.rules import inside
 from agglo_core.fields.values import central_differences, sample
 from agglo_core.mesh import Mesh
@@ -23,18 +24,17 @@ _TINY: Final = 1e-16
 
 
 def error_norms(
-    mesh: Mesh, problem: Diffusion, degree: int, at: Callable[[Int, Float], AtPoints], cells: Mask
+    mesh: Mesh, problem: Diffusion, degree: int, u: Polynomials, cells: Mask
 ) -> Mapping[str, float]:
-    """Return norms of the error of a piecewise polynomial on some ``cells (n_cells,)``.
+    """Return norms of the error of a piecewise polynomial of this degree on some ``cells (n_cells,)``.
 
-    ``l2``, ``h1`` = ‖∇e‖, and ``energy`` = ‖√κ ∇e‖; none without an exact solution. ``at(cells, points)``
-    evaluates the function at points ``(q, d)`` relative to the mesh origin.
+    ``l2``, ``h1`` = ‖∇e‖, and ``energy`` = ‖√κ ∇e‖; none without an exact solution.
     """
     if problem.exact is None:
         return {}
     exact, kappa, sums = problem.exact, kappa_values(mesh, problem.kappa), np.zeros(3)
     for batch in inside(mesh, 2 * degree + 6):
-        own, points, found = batch.cells, batch.points + mesh.origin, at(batch.cells, batch.points)
+        own, points, found = batch.cells, batch.points + mesh.origin, u.at(batch.cells, batch.points)
         sizes = np.maximum(np.abs(batch.weights), _TINY * mesh.cell_measures[own])
         steps = np.repeat(_STEP * sizes[:, None] ** (1.0 / mesh.dim), mesh.dim, axis=1)
         gaps = sample(exact, points, "exact") - found.values

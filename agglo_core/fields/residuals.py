@@ -14,6 +14,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.fields.coefficients import is_zero, nonnegative, positive, velocity
+from agglo_core.fields.polynomials import Polynomials
 from agglo_core.fields.rules import Batch, inside
 from agglo_core.fields.tensors import Tensor
 from agglo_core.fields.values import per_cell, sample
@@ -25,30 +26,6 @@ _MORE: Final = 2
 
 Values = Callable[[Float, Int], Float]
 """A coefficient as a function of points ``(q, d)`` in user coordinates and their cells ``(q,)``."""
-
-
-class Polynomials(NamedTuple):
-    """Piecewise polynomial function, in a basis of polynomials on each cell.
-
-    Attributes
-    ----------
-    basis : callable
-        ``basis(cells, points)`` returns the basis ``(q, m)`` of ``cells (q,)`` at points ``(q, d)``, relative
-        to the mesh origin.
-    gradient : callable
-        Maps coefficients ``(n_cells, ..., m)`` to those of the gradients ``(n_cells, ..., d, m)``.
-    mass : (n_cells, m, m) float
-        Mass matrices of the basis.
-    coefficients : (n_cells, m) float
-    offset : (n_cells,) float
-        Constants to add.
-    """
-
-    basis: Callable[[Int, Float], Float]
-    gradient: Callable[[Float], Float]
-    mass: Float
-    coefficients: Float
-    offset: Float
 
 
 class CellResiduals(NamedTuple):
@@ -71,11 +48,11 @@ class CellResiduals(NamedTuple):
 
 def cell_residuals(mesh: Mesh, problem: Diffusion, degree: int, u: Polynomials) -> CellResiduals:
     """Return the weighted residuals of a piecewise polynomial solution of this degree."""
-    kappa, slopes = kappa_values(mesh, problem.kappa), u.gradient(u.coefficients)
+    kappa = kappa_values(mesh, problem.kappa)
     source, reaction = _values(problem.source, mesh, "source"), _values(problem.reaction, mesh, "reaction")
     speed = velocity(mesh, problem.convection)
     smallest, reach = _scales(mesh, degree, problem, kappa, reaction)
-    fluxes, beyond = _project_fluxes(mesh, degree, problem, kappa, u, slopes, smallest)
+    fluxes, beyond = _project_fluxes(mesh, degree, problem, kappa, u, smallest)
     divergence = np.einsum("cddk->ck", u.gradient(fluxes))
     squares, oscillation = np.zeros(mesh.n_cells), np.zeros(mesh.n_cells)
     for batch in inside(mesh, 2 * degree + _MORE):
@@ -88,7 +65,7 @@ def cell_residuals(mesh: Mesh, problem: Diffusion, degree: int, u: Polynomials) 
             residual += source(points, cells)
         if speed is not None:
             b = speed(points) if callable(speed) else speed[cells]
-            residual -= np.einsum("qd,qk,qdk->q", b, tests, slopes[cells], optimize=True)
+            residual -= np.einsum("qd,qk,qdk->q", b, tests, u.slopes[cells], optimize=True)
         if reaction is not None:
             values = np.einsum("qk,qk->q", tests, u.coefficients[cells]) + u.offset[cells]
             residual -= reaction(points, cells) * values
@@ -104,19 +81,19 @@ def cell_residuals(mesh: Mesh, problem: Diffusion, degree: int, u: Polynomials) 
 
 
 def _project_fluxes(
-    mesh: Mesh, degree: int, problem: Diffusion, kappa: Values, u: Polynomials, slopes: Float, smallest: Float
+    mesh: Mesh, degree: int, problem: Diffusion, kappa: Values, u: Polynomials, smallest: Float
 ) -> tuple[Float, Float]:
     """Project κ∇u: coefficients ``(n_cells, d, m)``, and ‖κ∇u − Πκ∇u‖² / κ ``(n_cells,)``."""
     if not _varies(mesh, problem.kappa):
         values = kappa(mesh.cell_centroids, frozen_int(np.arange(mesh.n_cells)))
         product = "c,cdk->cdk" if values.ndim == 1 else "cde,cek->cdk"
-        return np.einsum(product, values, slopes), np.zeros(mesh.n_cells)
-    projected, beyond = np.empty_like(slopes), np.empty(mesh.n_cells)
+        return np.einsum(product, values, u.slopes), np.zeros(mesh.n_cells)
+    projected, beyond = np.empty_like(u.slopes), np.empty(mesh.n_cells)
     for batch in inside(mesh, 2 * degree + _MORE):
         cells, part = batch.cells, slice(batch.first, batch.first + len(batch.offsets) - 1)
         tests = u.basis(cells, batch.points)
         values = kappa(batch.points + mesh.origin, cells)
-        flux = times(values, np.einsum("qk,qdk->qd", tests, slopes[cells]))
+        flux = times(values, np.einsum("qk,qdk->qd", tests, u.slopes[cells]))
         projected[part] = _projection(batch, u.mass[part], tests, flux)
         missing = flux - np.einsum("qk,qdk->qd", tests, projected[cells])
         beyond[part] = _sum(batch, (missing**2).sum(axis=1)) / smallest[part]

@@ -13,8 +13,7 @@ import numpy as np
 from agglo_core.authoring import Float, fields
 from agglo_vem.forms import BoundaryTerms, LocalForms
 from agglo_vem.local_spaces import Trace
-from agglo_vem.monomials import products
-from agglo_vem.projections import Projected
+from agglo_vem.projections import project
 
 
 def squared_residuals(terms: BoundaryTerms, x: Float, stabilisation: str) -> Mapping[str, Float]:
@@ -28,14 +27,10 @@ def squared_residuals(terms: BoundaryTerms, x: Float, stabilisation: str) -> Map
     - ``stabilisation``: that term of the energy.
     """
     space = terms.space
-    mesh, k = space.mesh, space.degree
-    function = Projected.of(space, x)
-    gram = space.means[:, products(k, mesh.dim)] * mesh.cell_measures[:, None, None]
-    zeros = np.zeros(mesh.n_cells)
-    polynomials = fields.Polynomials(function.basis, function.gradient, gram, function.coefficients, zeros)
-    cell, oscillation, reach = fields.cell_residuals(mesh, terms.problem, k, polynomials)
+    function = project(space, x)
+    cell, oscillation, reach = fields.cell_residuals(space.mesh, terms.problem, space.degree, function)
     flux, data = _on_faces(terms, x, function, reach)
-    local, rest = LocalForms(space, terms.problem, stabilisation), np.zeros(mesh.n_cells)
+    local, rest = LocalForms(space, terms.problem, stabilisation), np.zeros(space.mesh.n_cells)
     for batch in space.batches():
         u = x[batch.unknowns]
         rest[batch.cells] = np.einsum("cn,cnm,cm->c", u, local.blocks(batch)[1], u, optimize=True)
@@ -43,7 +38,9 @@ def squared_residuals(terms: BoundaryTerms, x: Float, stabilisation: str) -> Map
     return {name: np.maximum(values, 0.0) for name, values in squares.items()}
 
 
-def _on_faces(terms: BoundaryTerms, x: Float, function: Projected, reach: Float) -> tuple[Float, Float]:
+def _on_faces(
+    terms: BoundaryTerms, x: Float, function: fields.Polynomials, reach: Float
+) -> tuple[Float, Float]:
     """Return the weighted squares of flux residuals and of gaps to Dirichlet data ``(n_cells,)``."""
     space, mesh = terms.space, terms.space.mesh
     kappa = fields.kappa_values(mesh, terms.problem.kappa)

@@ -28,7 +28,7 @@ from agglo_core.authoring import (
 )
 from agglo_vem import forms
 from agglo_vem.local_spaces import Space
-from agglo_vem.projections import AtPoints, Projected
+from agglo_vem.projections import project
 from agglo_vem.residuals import squared_residuals
 from agglo_vem.transfer import prolongation
 
@@ -139,27 +139,29 @@ class VirtualElements:
         They are NaN outside the mesh.
         """
         if points is None:
-            return Projected.of(self.space(mesh), x).mean_slopes()
+            space = self.space(mesh)
+            means, slopes = space.frames.means(self.degree), project(space, x).slopes
+            return frozen_float(np.einsum("cm,cdm->cd", means, slopes))
         inside, at = self._inside(mesh, x, points)
         slopes = np.full(np.shape(points), np.nan)
         slopes[inside] = at.slopes
         return slopes
 
-    def _inside(self, mesh: Mesh, x: Float, points: Float) -> tuple[Int, AtPoints]:
+    def _inside(self, mesh: Mesh, x: Float, points: Float) -> tuple[Int, fields.AtPoints]:
         cells = fields.locate(mesh, points)
         inside = np.flatnonzero(cells >= 0)
-        return inside, Projected.of(self.space(mesh), x).at(cells[inside], points[inside] - mesh.origin)
+        return inside, project(self.space(mesh), x).at(cells[inside], points[inside] - mesh.origin)
 
     def integrals(self, mesh: Mesh, x: Float) -> Float:
         """Integrate a function over each cell ``(n_cells,)``."""
         space = self.space(mesh)
-        means = (space.frames.means(self.degree) * Projected.of(space, x).coefficients).sum(axis=1)
+        means = (space.frames.means(self.degree) * project(space, x).coefficients).sum(axis=1)
         return frozen_float(means * mesh.cell_measures)
 
     def sample(self, mesh: Mesh, x: Float) -> Samples:
         """Sample the L2 projections at points of the triangles or tetrahedra that make up the cells."""
         cells, points, simplices = fields.sample_points(mesh, self.degree)
-        function, centres = Projected.of(self.space(mesh), x), points[simplices].mean(axis=1) - mesh.origin
+        function, centres = project(self.space(mesh), x), points[simplices].mean(axis=1) - mesh.origin
         slopes = function.at(cells[simplices[:, 0]], centres).slopes
         return Samples(cells, points, simplices, function.at(cells, points - mesh.origin).values, slopes)
 
@@ -173,7 +175,7 @@ class VirtualElements:
     def errors_in(self, problem: Problem, mesh: Mesh, x: Float, cells: Mask) -> Mapping[str, float]:
         """Return the :meth:`errors` on some ``cells (n_cells,)``."""
         assert isinstance(problem, Diffusion)
-        return fields.error_norms(mesh, problem, self.degree, Projected.of(self.space(mesh), x).at, cells)
+        return fields.error_norms(mesh, problem, self.degree, project(self.space(mesh), x), cells)
 
     def energy(self, problem: Problem, mesh: Mesh, x: Float) -> float:
         """Return the square of the energy norm: that of the projections, and the stabilisation."""
