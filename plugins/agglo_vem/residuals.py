@@ -7,6 +7,7 @@ method*, Numer. Math. 137, 2017.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
@@ -15,11 +16,12 @@ from agglo_vem.forms import BoundaryTerms, LocalForms
 from agglo_vem.local_spaces import Trace
 from agglo_vem.projections import project
 
+_TINY: Final = 1e-300
+"""Smallest divisor: faces without measure have no residual."""
+
 
 def squared_residuals(terms: BoundaryTerms, x: Float, stabilisation: str) -> Mapping[str, Float]:
-    """Return the weighted squares of all residuals of a solution, by kind and cell ``(n_cells,)``.
-
-    The solution is known by its L2 projection.
+    """Return the weighted squares of all residuals of the projected solution by kind, ``(n_cells,)`` each.
 
     - ``cell`` and ``oscillation``: :class:`~agglo_core.fields.residuals.CellResiduals`;
     - ``flux``: jumps of κ∇u·n between cells, and its gaps to Neumann and Robin data;
@@ -51,7 +53,9 @@ def _on_faces(
         normals = np.repeat(mesh.face_normals[trace.faces], trace.points.shape[1], axis=0)
         points = trace.points.reshape(-1, mesh.dim)
         conormals = fields.times(kappa(points + mesh.origin, cells), normals)
-        return (conormals * function.at(cells, points).slopes).sum(axis=1), (conormals * normals).sum(axis=1)
+        return (conormals * function.at(cells, points).slopes).sum(axis=1), np.maximum(
+            (conormals * normals).sum(axis=1), _TINY
+        )
 
     def add(sums: Float, trace: Trace, side: int, squares: Float) -> None:
         per_face = (trace.weights * squares).reshape(trace.points.shape[:2]).sum(axis=1)
@@ -74,7 +78,7 @@ def _on_faces(
         mesh, terms.parts.tags, terms.problem.dirichlet, trace.faces, trace.points, "dirichlet"
     )
     gaps = trace.values @ x - given.ravel()
-    sizes = mesh.face_measures[trace.faces] ** (1.0 / (mesh.dim - 1))
+    sizes = np.maximum(mesh.face_measures[trace.faces], _TINY) ** (1.0 / (mesh.dim - 1))
     weights = np.repeat(np.pi * space.degree / sizes, trace.points.shape[1])
     add(data, trace, 0, weights * strength * gaps**2)
     return flux * reach, data
