@@ -98,8 +98,8 @@ from agglo_core.problems.iteration_history import (
 )
 from agglo_core.progress import (
     Listener as Listener,
+    Notify as Notify,
     Progress as Progress,
-    Tell as Tell,
     phase as phase,
 )
 from agglo_core.protocols import (

@@ -117,7 +117,7 @@ class SizeGoal:
     """
 
     h_star: float
-    asked: Mapping[str, Any] = field(default_factory=dict)
+    requested: Mapping[str, Any] = field(default_factory=dict)
     coarser: tuple[float, ...] = ()
 
     @property
@@ -132,7 +132,7 @@ class SizeGoal:
 
     def record(self, parts: int) -> Mapping[str, Any]:
         """Return the requested target as keywords and values, for a level with ``parts`` parts."""
-        return self.asked
+        return self.requested
 
     def estimate(self, graph: Graph) -> int:
         """Estimate the number of parts with diameter ``h_star`` for a direct k-way partition.
@@ -167,7 +167,7 @@ class CountGoal:
     """
 
     parts: int
-    asked: Mapping[str, Any] = field(default_factory=dict)
+    requested: Mapping[str, Any] = field(default_factory=dict)
     quotas: Int | None = None
     exact: bool = True
 
@@ -183,7 +183,7 @@ class CountGoal:
 
     def record(self, parts: int) -> Mapping[str, Any]:
         """Return the requested target as keywords and values, for a level with ``parts`` parts."""
-        return self.asked if self.exact else {**self.asked, "n_parts": parts}
+        return self.requested if self.exact else {**self.requested, "n_parts": parts}
 
     def shares(self, measures: Float, cells: Int) -> Int:
         """Divide the part count among the initial pieces by measure: see :func:`apportion`."""

@@ -136,7 +136,7 @@ class Pipeline(Rules):
             tuple(levels),
             [goal.record(count) for goal, count in zip(goals, parts, strict=True)],
             self.nested or len(levels) == 1,
-            run.statistics.told() | statistics,
+            run.statistics.as_dict() | statistics,
         )
 
     def goals(

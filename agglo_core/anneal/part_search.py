@@ -74,12 +74,12 @@ class PartSearch:
         part_balance, kind = FREE, check_size(owner, size)
         if balance is not None:
             part_balance = Balance(check_tolerance(owner, balance, "balance"), kind)
-        if effort is None and (limit is not None or objective == "roundness" or part_balance.asked):
+        if effort is None and (limit is not None or objective == "roundness" or part_balance.bounded):
             raise OptionError(
                 f"{owner}: objective, seconds and balance require an effort (quick, fast, good or best), "
                 "but none is given"
             )
-        if part_balance.asked and objective == "roundness":
+        if part_balance.bounded and objective == "roundness":
             raise OptionError(f"{owner}: balance requires the objective solver, not roundness")
         return None if effort is None else cls(effort, objective, limit, part_balance)
 
@@ -105,7 +105,7 @@ class PartSearch:
             inertial bisections.
         """
         limit = TimeLimit(self.seconds)
-        if target.h_star is not None and self.balance.asked:
+        if target.h_star is not None and self.balance.bounded:
             raise OptionError(
                 "balance applies to a number of parts (n_parts, cells_per_part), not to a size (h_star, "
                 "h_factor)"

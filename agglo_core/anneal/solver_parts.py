@@ -132,7 +132,7 @@ def solver_parts(
     size = np.inf if target.h_star is None else target.h_star * (1 + ROUNDING)
     tool, budget = SolverAnnealing(graph, size, balance), EFFORTS[effort]
     inner = tool.inward(best.labels if target.h_star is None else starts[place])
-    ramps = _BALANCED if balance.asked else budget.ramps
+    ramps = _BALANCED if balance.bounded else budget.ramps
     for trial in splitmix(np.uint64(seed) + np.arange(budget.times, dtype=np.uint64)).tolist():
         if limit.over():
             break
@@ -177,7 +177,7 @@ def _finish(graph: Graph, labels: Int, target: Target, balance: Balance) -> _Res
     k, value = int(labels.max()) + 1, OBJECTIVES["solver"].value
     blocks = frozen_int(np.zeros(k))
     # 2. Balanced parts: only even out the sizes.
-    if balance.asked:
+    if balance.bounded:
         labels = BalanceRefiner(balance.size, balance.tolerance).refine_parts(graph, labels, blocks, target)
         off = not balance.holds(graph.node_sizes(balance.size), labels)
         return _Result((off, k, value(graph, labels)), labels)

@@ -10,7 +10,7 @@ import numpy as np
 from agglo_core.anneal.annealed_parts import ROUNDING
 from agglo_core.arrays import Int, Mask, frozen_int, label_order
 from agglo_core.graph import Graph
-from agglo_core.progress import to_nobody
+from agglo_core.progress import ignore_progress
 from agglo_core.protocols import Target
 from agglo_core.refine.connectivity import ConnectivityFixer
 from agglo_core.refine.interface import InterfaceRefiner
@@ -134,8 +134,8 @@ def partition_by_bisection(graph: Graph, target: Target) -> Int:
     given, seeds = ([InterfaceRefiner()], ConnectivityFixer()), np.zeros(1, np.uint64)
     growth: Any = InertialBisection().grow(graph, frozen_int(np.zeros(graph.n)), *given)
     if target.h_star is None:
-        return frozen_int(growth.split(frozen_int([target.parts or 1]), seeds, to_nobody)[0])
-    return frozen_int(growth.split_to_size(target.h_star * (1 + ROUNDING), seeds, to_nobody)[0])
+        return frozen_int(growth.split(frozen_int([target.parts or 1]), seeds, ignore_progress)[0])
+    return frozen_int(growth.split_to_size(target.h_star * (1 + ROUNDING), seeds, ignore_progress)[0])
 
 
 def parts_within(graph: Graph, labels: Int, size: float) -> Int:

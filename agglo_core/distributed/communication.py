@@ -186,8 +186,8 @@ class Ranks:
             yield
         except BaseException as error:
             failure = error
-        told = None if failure is None else f"{type(failure).__name__}: {failure}"
-        failures = [(rank, each) for rank, each in enumerate(self.gathered(told)) if each is not None]
+        message = None if failure is None else f"{type(failure).__name__}: {failure}"
+        failures = [(rank, each) for rank, each in enumerate(self.gathered(message)) if each is not None]
         if failure is not None:
             raise failure
         if failures:

@@ -96,10 +96,10 @@ def draw(
     columns = fine + max(len(hierarchy.levels) for hierarchy in hierarchies.values())
     width = float(np.clip(24.0 / columns, 2.4, 3.6))
     figure, axes = _panels(panels, len(hierarchies), columns, width)
-    with phase(progress, "drawing") as tell:
+    with phase(progress, "drawing") as notify:
         # Draw the mesh and the levels of each run in a row.
         for place, (row, (name, hierarchy)) in enumerate(zip(axes, hierarchies.items(), strict=True)):
-            run_progress = part(tell, place, 1 + len(hierarchies), name)
+            run_progress = part(notify, place, 1 + len(hierarchies), name)
             above = f"{short_name(name)}\n"
             if fine and place == 0:
                 panels.fine(row[0])
@@ -113,7 +113,7 @@ def draw(
                 _entitle(axis, ("" if number else above) + _title(level, usual=metrics is None))
             for axis in row[fine + len(hierarchy.levels) :]:
                 axis.set_axis_off()
-        part(tell, len(hierarchies), 1 + len(hierarchies), Path(path).name)
+        part(notify, len(hierarchies), 1 + len(hierarchies), Path(path).name)
         _make_room_for_titles(figure)
         save_figure(figure, Path(path), palette=True)
 

@@ -212,18 +212,18 @@ class BlockGraph(FieldState, Loaded):
         offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(array)))))
         return diameters_of(offsets, cells, self.vertex_offsets, self.vertices, self.points)
 
-    def wide_parts(self, labels: ArrayLike, limit: float, asked: Mask | None = None) -> Mask:
+    def wide_parts(self, labels: ArrayLike, limit: float, examined: Mask | None = None) -> Mask:
         """Return the mask ``(k,)`` of parts (labels 0..k−1) with a diameter above ``limit``.
 
         This is faster than computing all diameters.
 
-        With ``asked (k,)`` only these parts are examined; others are reported as not wide.
+        With ``examined (k,)`` only these parts are examined; others are reported as not wide.
         """
         array = frozen_int(labels)
-        k = int(array.max(initial=-1)) + 1 if asked is None else len(asked)
+        k = int(array.max(initial=-1)) + 1 if examined is None else len(examined)
         if array.shape != (self.n,) or array.min(initial=0) < 0 or array.max(initial=-1) >= k:
             raise MeshError(f"labels must be ({self.n},) integers in 0..{k - 1}, given shape {array.shape}")
-        parts = np.ones(k, bool) if asked is None else asked
+        parts = np.ones(k, bool) if examined is None else examined
         return wide_parts(array, parts, limit, self.vertex_offsets, self.vertices, self.points)
 
     def components(self, labels: ArrayLike | None = None) -> Int:

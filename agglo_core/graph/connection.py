@@ -34,12 +34,12 @@ def parts_connected(indptr: Int, indices: Index, labels: Int) -> bool:
     >>> parts_connected(graph.indptr, graph.indices, np.array([0, 1, 1, 0]))
     False
     """
-    asked = np.ones(int(labels.max(initial=-1)) + 1, bool)
-    return not broken_parts(indptr, indices, labels, asked).any()
+    examined = np.ones(int(labels.max(initial=-1)) + 1, bool)
+    return not broken_parts(indptr, indices, labels, examined).any()
 
 
-def broken_parts(indptr: Int, indices: Index, labels: Int | Index, asked: Mask) -> Mask:
-    """Return the mask of disconnected parts, among those in the mask ``asked (k,)``.
+def broken_parts(indptr: Int, indices: Index, labels: Int | Index, examined: Mask) -> Mask:
+    """Return the mask of disconnected parts, among those in the mask ``examined (k,)``.
 
     The labels ``(n,)`` are below k.
 
@@ -61,11 +61,11 @@ def broken_parts(indptr: Int, indices: Index, labels: Int | Index, asked: Mask) 
         cells = np.empty(stop - start, np.int32)
         workspace = np.zeros(len(part_labels), np.int32), np.empty(len(part_labels) + 1, np.int32)
         count = part_faults.lone_cells(
-            start, stop, indptr, indices, part_labels, len(asked), cells, *workspace
+            start, stop, indptr, indices, part_labels, len(examined), cells, *workspace
         )
         return cells[:count]
 
     candidates = over_ranges(find_lone_cells, len(part_labels), shares=1)
     nodes = frozen_index(candidates[0] if len(candidates) == 1 else np.concatenate(candidates))
-    broken: Mask = part_faults.broken_parts(nodes, indptr, indices, part_labels, frozen(asked, bool))
+    broken: Mask = part_faults.broken_parts(nodes, indptr, indices, part_labels, frozen(examined, bool))
     return broken

@@ -226,8 +226,8 @@ def write(
             from agglo_core.io.levels import check_level_values
 
             check_level_values(hierarchy, level_values)
-        with phase(labelled(listen, target.name), "writing") as tell:
-            write_by(file_format, target, mesh, hierarchy, tell, level_values)
+        with phase(labelled(listen, target.name), "writing") as notify:
+            write_by(file_format, target, mesh, hierarchy, notify, level_values)
 
 
 def check_writable(

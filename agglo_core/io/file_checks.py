@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
 from agglo_core.io.atomic import staging
 from agglo_core.io.formats import KnownFormat
-from agglo_core.progress import Tell
+from agglo_core.progress import Notify
 from agglo_core.registry.attribution import attributed
 from agglo_core.registry.containment import describe_error, shown
 
@@ -62,7 +62,7 @@ def write_by(
     path: Path,
     mesh: Mesh,
     hierarchy: Hierarchy | None,
-    tell: Tell,
+    notify: Notify,
     level_values: LevelValues | None = None,
 ) -> None:
     """Write a mesh with the given format, so that the file appears whole or not at all.
@@ -77,7 +77,7 @@ def write_by(
         If it raises anything else or writes nothing.
     """
     values = (level_values,) if level_values is not None and known.has("keeps_level_values") else ()
-    options = {"tell": tell} if known.has("tells_progress") else {}
+    options = {"notify": notify} if known.has("reports_progress") else {}
     if known.has("atomic"):
         with attributed(known.title, spare=_ON_PURPOSE):
             known.tool.write(path, mesh, hierarchy, *values, **options)

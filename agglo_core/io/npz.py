@@ -26,7 +26,7 @@ from agglo_core.io.atomic import staging
 from agglo_core.io.to_mesh.options import Compressing
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.construction.conforming import warn_of_gaps
-from agglo_core.progress import Tell, part, to_nobody
+from agglo_core.progress import Notify, ignore_progress, part
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -63,7 +63,7 @@ class Npz(Compressing):
 
     lossless: bool = True
     atomic: bool = True
-    tells_progress: bool = True
+    reports_progress: bool = True
 
     def read(self, path: Path) -> Mesh:
         """Read the mesh in an ``.npz`` file.
@@ -99,11 +99,11 @@ class Npz(Compressing):
         return mesh, None
 
     def write(
-        self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None, tell: Tell = to_nobody
+        self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None, notify: Notify = ignore_progress
     ) -> None:
         """Write mesh and hierarchy without loss.
 
-        Report each array to ``tell``.
+        Report each array to ``notify``.
         """
         arrays: dict[str, NDArray[Any]] = {name: getattr(mesh, name) for name in _MESH}
         # Collect the arrays and the metadata.
@@ -138,7 +138,7 @@ class Npz(Compressing):
             zipfile.ZipFile(folder / path.name, "w", method, compresslevel=_LEVEL) as archive,
         ):
             for place, (name, values) in enumerate(arrays.items()):  # as np.savez does
-                part(tell, place, len(arrays), name)
+                part(notify, place, len(arrays), name)
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
                     npy.write_array(entry, narrow(values), allow_pickle=False)
 

@@ -15,7 +15,7 @@ from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.measure.quality_values import Quality
 from agglo_core.measure.selection import RATIOS, Metric, build_metrics, select
 from agglo_core.mesh import Mesh
-from agglo_core.progress import Listener, Tell, followed, part, phase
+from agglo_core.progress import Listener, Notify, followed, part, phase
 from agglo_core.registry.attribution import Member, attributed
 from agglo_core.suggestions import suggest_keywords
 from agglo_core.threads import using_threads
@@ -148,9 +148,9 @@ def quality(
     with (
         using_threads(threads),
         followed(progress, verbose) as listen,
-        phase(listen, "measuring") as tell,
+        phase(listen, "measuring") as notify,
     ):
-        return Quality(_evaluate_metrics(mesh, mesh.coarsen(labels), labels, members, tell))
+        return Quality(_evaluate_metrics(mesh, mesh.coarsen(labels), labels, members, notify))
 
 
 def measure_levels(
@@ -199,9 +199,9 @@ def measure_levels(
     better = {name: getattr(metric.tool, "better", "high") for name, metric in selection.metrics.items()}
     levels: list[Level] = []
     coarse = mesh
-    with followed(progress, verbose) as listen, phase(listen, "measuring") as tell:
+    with followed(progress, verbose) as listen, phase(listen, "measuring") as notify:
         for place, (labels, target) in enumerate(zip(hierarchy.levels, hierarchy.targets, strict=True)):
-            level_progress = part(tell, place, len(hierarchy.levels), f"level {place}")
+            level_progress = part(notify, place, len(hierarchy.levels), f"level {place}")
             # 2. Coarsen the mesh, or the mesh of the level below if levels are nested.
             nested = place > 0 and hierarchy.nested
             coarse = coarse.coarsen(hierarchy.parents(place - 1)) if nested else mesh.coarsen(labels)
@@ -245,7 +245,7 @@ def summary(
 
 
 def _evaluate_metrics(
-    mesh: Mesh, coarse: Mesh, labels: Int, metrics: Mapping[str, Member], tell: Tell
+    mesh: Mesh, coarse: Mesh, labels: Int, metrics: Mapping[str, Member], notify: Notify
 ) -> dict[str, Float]:
     """Evaluate metrics, and return their values ``(k,)`` on the agglomerates by name.
 
@@ -254,7 +254,7 @@ def _evaluate_metrics(
     part_labels = np.arange(coarse.n_cells)
     values = {}
     for place, (name, metric) in enumerate(metrics.items()):
-        part(tell, place, len(metrics), name)
+        part(notify, place, len(metrics), name)
         # 1. Measure on the coarse mesh where possible.
         arguments = (coarse, part_labels) if getattr(metric.tool, "shape_only", False) else (mesh, labels)
         with attributed(metric.title, spare=(MeshError,)):  # a metric may reject a mesh, for example in 3-D

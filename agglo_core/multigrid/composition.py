@@ -23,7 +23,7 @@ from agglo_core.multigrid.smoothers.level_smoothers import SMOOTHERS, BlockJacob
 from agglo_core.multigrid.smoothers.patches import vertex_patches
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack, Real, Solve
 from agglo_core.problems import Coarsening, CoarseSpace, MultigridLevel, System
-from agglo_core.progress import Tell, to_nobody
+from agglo_core.progress import Notify, ignore_progress
 from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member, attributed
 
@@ -113,7 +113,7 @@ class Composition:
         rediscretised: Sequence[Callable[[], Any]] | None = None,
         steps: int = 1,
         corrections: bool = True,
-        tell: Tell = to_nobody,
+        notify: Notify = ignore_progress,
     ) -> LevelStack:
         """Build the multigrid levels of a linear system on agglomerates, for cycles in double precision.
 
@@ -132,7 +132,7 @@ class Composition:
             Smoothing steps before and after the coarse correction.
         corrections : bool
             Provide coarse corrections to smoothers that use them.
-        tell : callable, optional
+        notify : callable, optional
             Receives the set-up progress.
 
         Raises
@@ -150,7 +150,7 @@ class Composition:
         parts = frozen_int(np.arange(system.n_blocks))
         levels: list[Level] = []
         for k, coarse in enumerate(level_labels):
-            tell(k / (len(level_labels) + 1), f"level {k}")
+            notify(k / (len(level_labels) + 1), f"level {k}")
             # Coarse space, coarse matrix, and the inherited matrix Pᵀ A P.
             parent_of = parents(parts, coarse)
             inject = _injection(parent_of, offsets) if injected is None else injected[k]

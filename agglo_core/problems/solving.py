@@ -140,7 +140,7 @@ def run_solver(
     progress: Listener | None = None,
     start: Float | None = None,
 ) -> Solution:
-    """Run a solver, with progress reports if it supports them (``tells_progress``).
+    """Run a solver, with progress reports if it supports them (``reports_progress``).
 
     The initial guess ``start (n,)`` is passed to solvers with ``takes_start``, and otherwise ignored.
 
@@ -156,7 +156,7 @@ def run_solver(
     how = discretisation_of(solver.tool, problem)
     with unwrapped(progress) as listen, attributed(solver.title, spare=(AggloError,)):
         guess = {"start": start} if start is not None and getattr(solver.tool, "takes_start", False) else {}
-        if getattr(solver.tool, "tells_progress", False):
+        if getattr(solver.tool, "reports_progress", False):
             solution = solver.tool.solve(problem, hierarchy, progress=listen, **guess)
         else:
             with phase(listen, "solving"):

@@ -45,17 +45,17 @@ Listener = Callable[[Progress], None]
 """Function called with the progress, in the thread of the computation; its exceptions end the computation."""
 
 
-class Tell(Protocol):
+class Notify(Protocol):
     """Function by which a phase reports its completed share.
 
     Examples
     --------
-    >>> from agglo_core.progress import Tell
+    >>> from agglo_core.progress import Notify
     >>> class Printed:
     ...     def __call__(self, fraction, text=""):
     ...         print(f"{fraction:.0%} {text}")
-    >>> tell: Tell = Printed()
-    >>> tell(0.5, "faces")
+    >>> notify: Notify = Printed()
+    >>> notify(0.5, "faces")
     50% faces
     """
 
@@ -64,7 +64,7 @@ class Tell(Protocol):
 
 
 @contextmanager
-def phase(listen: Listener | None, name: str, text: str = "") -> Iterator[Tell]:
+def phase(listen: Listener | None, name: str, text: str = "") -> Iterator[Notify]:
     """Run the body as a phase of a computation: report 0 at the start, and 1 at the end without error.
 
     Parameters
@@ -77,46 +77,46 @@ def phase(listen: Listener | None, name: str, text: str = "") -> Iterator[Tell]:
     Yields
     ------
     callable
-        ``tell(fraction, text)``. It may be called arbitrarily often: at most 20 reports per second reach the
+        ``notify(fraction, text)``. It may be called arbitrarily often: at most 20 reports a second reach the
         listener, with non-decreasing fractions.
 
     Examples
     --------
-    >>> with phase(print, "counting") as tell:
-    ...     tell(0.5, "half")
+    >>> with phase(print, "counting") as notify:
+    ...     notify(0.5, "half")
     Progress(phase='counting', fraction=0.0, text='')
     Progress(phase='counting', fraction=0.5, text='half')
     Progress(phase='counting', fraction=1.0, text='half')
     """
     if listen is None:
-        yield to_nobody
+        yield ignore_progress
         return
     report = Progress(name, 0.0, text)
     listen(report)
     last_time = float("-inf")  # always report the first step, which may take long
 
-    def tell(fraction: float, text: str = "") -> None:
+    def notify(fraction: float, text: str = "") -> None:
         nonlocal report, last_time
         report = Progress(name, max(report.fraction, min(fraction, 1.0)), text or report.text)
         if time.monotonic() - last_time >= _PAUSE:
             listen(report)
             last_time = time.monotonic()
 
-    yield tell
+    yield notify
     listen(replace(report, fraction=1.0))
 
 
-def to_nobody(fraction: float, text: str = "") -> None:
+def ignore_progress(fraction: float, text: str = "") -> None:
     """Do nothing: the report function if there is no listener.
 
     Examples
     --------
-    >>> from agglo_core.progress import to_nobody
-    >>> to_nobody(0.5, "half done")
+    >>> from agglo_core.progress import ignore_progress
+    >>> ignore_progress(0.5, "half done")
     """
 
 
-def part(tell: Tell, place: int, count: int, label: str = "") -> Tell:
+def part(notify: Notify, place: int, count: int, label: str = "") -> Notify:
     """Begin part ``place`` of ``count`` equal parts of a phase, and return its report function.
 
     Examples
@@ -124,19 +124,19 @@ def part(tell: Tell, place: int, count: int, label: str = "") -> Tell:
     >>> from agglo_core.progress import part, phase
     >>> def listen(now):
     ...     print(f"{now.fraction:.2f} {now.text}".strip())
-    >>> with phase(listen, "reading") as tell:
-    ...     second = part(tell, 1, 2, "faces")
+    >>> with phase(listen, "reading") as notify:
+    ...     second = part(notify, 1, 2, "faces")
     ...     second(0.5)
     0.00
     0.50 faces
     1.00 faces
     """
 
-    def tell_part(fraction: float, text: str = "") -> None:
-        tell((place + min(fraction, 1.0)) / count, ": ".join(filter(None, (label, text))))
+    def notify_part(fraction: float, text: str = "") -> None:
+        notify((place + min(fraction, 1.0)) / count, ": ".join(filter(None, (label, text))))
 
-    tell_part(0.0)
-    return tell_part
+    notify_part(0.0)
+    return notify_part
 
 
 def labelled(listen: Listener | None, label: str) -> Listener | None:

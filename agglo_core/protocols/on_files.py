@@ -51,7 +51,7 @@ class WritableFormat(Protocol):
     """Optional protocol: a format that also writes files.
 
     All files that ``write`` leaves beside ``path`` are moved to the user's location together with it. With
-    ``tells_progress = True`` it takes the keyword ``tell``, and calls ``tell(fraction, text)`` as it
+    ``reports_progress = True`` it takes the keyword ``notify``, and calls ``notify(fraction, text)`` as it
     proceeds.
 
     Examples

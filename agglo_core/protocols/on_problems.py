@@ -118,7 +118,7 @@ class Solver(Protocol):
     ``scipy.sparse.linalg.LinearOperator``. It sets ``needs_levels = False`` if it needs no levels,
     ``plain_cg = True`` if it is plain conjugate gradients, and ``galerkin = False`` if its coarse operators
     are not Pᵀ A P but rediscretised or rounded. With ``takes_start = True`` it takes an initial guess
-    ``start (n,)``, as :func:`agglo_core.adapt` gives. With ``tells_progress = True`` it takes ``progress``,
+    ``start (n,)``, as :func:`agglo_core.adapt` gives. With ``reports_progress = True`` it takes ``progress``,
     None or for :func:`agglo_core.progress.phase`.
 
     Examples

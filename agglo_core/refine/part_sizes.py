@@ -28,19 +28,19 @@ class Balance(NamedTuple):
     size: Kind | None = None
 
     @property
-    def asked(self) -> bool:
+    def bounded(self) -> bool:
         """True if the part sizes are bounded."""
         return self.tolerance < np.inf
 
     def bounds(self, sizes: Float, k: int) -> tuple[float, float, float]:
         """Return the smallest and largest size of k parts, and the mean cell size, from ``sizes (n,)``."""
         mean, cell = float(sizes.sum()) / k, float(sizes.mean())
-        far = self.tolerance * mean if self.asked else np.inf
+        far = self.tolerance * mean if self.bounded else np.inf
         return mean - far, mean + far, cell if cell > 0.0 else 1.0
 
     def holds(self, sizes: Float, labels: Int) -> bool:
         """Return True if all parts are within the tolerance, or less than a mean cell from the mean."""
-        if not self.asked:
+        if not self.bounded:
             return True
         each = np.bincount(labels, sizes)
         room = max(self.tolerance * float(each.mean()), float(sizes.mean()))

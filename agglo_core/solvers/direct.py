@@ -15,7 +15,7 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Linear, Problem, Solution
 from agglo_core.problems.choosing import discretisation_for
 from agglo_core.problems.iteration_history import MET, TESTS, History, unsolved
-from agglo_core.problems.residuals.backward_error import limit_told
+from agglo_core.problems.residuals.backward_error import explain_end
 from agglo_core.problems.residuals.sizes import size_ratio, two_norm
 from agglo_core.progress import Listener, phase
 from agglo_core.registry import Registry
@@ -73,7 +73,7 @@ class Direct:
 
     accepts: ClassVar[tuple[str, ...]] = ("diffusion", "elasticity", "linear")
     needs_levels: ClassVar[bool] = False
-    tells_progress: ClassVar[bool] = True
+    reports_progress: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -286,7 +286,7 @@ def _solve_and_refine(
     sizes = f"relative residual {size:.1e}, error about {error:.1e} after {len(residuals) - 1} iterations"
     sizes = f"{sizes}, required {tolerance:.1e}"
     # Attribute stagnation to rounding if the backward error allows, else to a singular matrix.
-    history = limit_told(History(*iterates, False, sizes, estimate, met, "stagnation"), fine.A, b)
+    history = explain_end(History(*iterates, False, sizes, estimate, met, "stagnation"), fine.A, b)
     if history.final:
         return history
     joints = history.reason.removeprefix(sizes)

@@ -13,7 +13,7 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.multigrid import flow_stack, gcr, row_measure
 from agglo_core.problems import Linear
 from agglo_core.problems.iteration_history import History
-from agglo_core.progress import Tell
+from agglo_core.progress import Notify
 from agglo_core.solvers.linear_task import LinearTask
 from agglo_core.solvers.residual_measure import ResidualMeasure
 
@@ -72,7 +72,7 @@ class GeneralTask(LinearTask):
         tolerance: float,
         most: int,
         before: Sequence[History] | None,
-        tell: Tell,
+        notify: Notify,
         pace: float | None = None,
     ) -> list[History]:
         """Run :func:`~agglo_core.multigrid.gcr` for each right-hand side, and return all histories."""
@@ -90,7 +90,7 @@ class GeneralTask(LinearTask):
                 most=most,
                 pace=pace,
                 measure=ResidualMeasure(b, rows=row_measure(self.A, b)),
-                tell=tell,
+                notify=notify,
             )
             histories[j : j + 1] = [history]
         self._failed = not all(each.converged for each in histories)

@@ -18,7 +18,7 @@ from agglo_core.problems import Linear, Solution, System
 from agglo_core.problems.iteration_history import History, joint_outcome, unsolved, worst_column
 from agglo_core.problems.linear import require_cells
 from agglo_core.problems.residuals.sizes import two_norm
-from agglo_core.progress import Tell
+from agglo_core.progress import Notify
 from agglo_core.solvers.advice import Kind, advice_of_components, advice_of_multigrid
 from agglo_core.solvers.fine_system import FineSystem, chosen_levels
 from agglo_core.solvers.scaling import factor_for, matrix_factor, unscaled, unscaled_matrix
@@ -163,7 +163,7 @@ class LinearTask:
         tolerance: float,
         most: int,
         before: Sequence[History] | None,
-        tell: Tell,
+        notify: Notify,
         pace: float | None = None,
     ) -> list[History]:
         """Run conjugate gradients for each right-hand side from its last iterate. Return all histories."""
@@ -180,7 +180,7 @@ class LinearTask:
             stop="both",
             probe=False,
             pace=pace,
-            tell=tell,
+            notify=notify,
         )
         width = self.system.width
         if width in (2, 3) and any(each.iterations >= _MANY and each.ended != "rounding" for each in new):

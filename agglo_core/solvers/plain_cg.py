@@ -36,7 +36,7 @@ class PlainCG:
 
     accepts: ClassVar[tuple[str, ...]] = ("diffusion", "elasticity", "linear")
     plain_cg: ClassVar[bool] = True
-    tells_progress: ClassVar[bool] = True
+    reports_progress: ClassVar[bool] = True
 
     def __init__(self, discretisation: Any, tolerance: float = 1e-6, max_iterations: int = 10_000) -> None:
         require_fraction("tolerance", tolerance)
@@ -61,8 +61,10 @@ class PlainCG:
         with watch("assemble"), phase(progress, "assembling"):
             fine = fine_system(problem, hierarchy, self.discretisation)
         how_long = (self.tolerance, self.max_iterations)
-        with watch("solve"), phase(progress, "solving") as tell:
-            history = conjugate_gradients(fine.A, fine.b, *how_long, fine.measure, fine.measure.energy, tell)
+        with watch("solve"), phase(progress, "solving") as notify:
+            history = conjugate_gradients(
+                fine.A, fine.b, *how_long, fine.measure, fine.measure.energy, notify
+            )
         return fine.solution(history, [(fine.A, None)], watch, self.tolerance)
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:

@@ -166,8 +166,8 @@ def _plain_cg(
     if tolerance is None or may_be_nonsymmetric(solution.problem):
         return None
     b, energy = _solved_system(solution)[1], getattr(measure, "energy", None)
-    with phase(progress, "counting iterations of plain CG") as tell:
-        history = conjugate_gradients(solution.A, b, tolerance, measure=measure, energy=energy, tell=tell)
+    with phase(progress, "counting iterations of plain CG") as notify:
+        history = conjugate_gradients(solution.A, b, tolerance, measure=measure, energy=energy, notify=notify)
     return history.iterations if history.converged else None
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from agglo_core.arrays import Bytes, Index, Int, UInt64, frozen_index, frozen_int
 from agglo_core.graph import Graph
-from agglo_core.progress import Tell
+from agglo_core.progress import Notify
 from agglo_core.refine.connectivity import ConnectivityFixer
 from agglo_core.refine.interface import InterfaceRefiner
 from agglo_core.split.side_shares import side_shares
@@ -78,10 +78,10 @@ class PieceGrowth:
     Examples
     --------
     >>> from agglo_core.authoring import ConnectivityFixer, InertialBisection
-    >>> from agglo_core.progress import to_nobody
+    >>> from agglo_core.progress import ignore_progress
     >>> strip, seeds = agglo.samples.strip(8).graph, np.zeros(1, np.uint64)
     >>> growth = InertialBisection().grow(strip, strip.components(), [], ConnectivityFixer())
-    >>> growth.split(frozen_int([4]), seeds, to_nobody)[0]
+    >>> growth.split(frozen_int([4]), seeds, ignore_progress)[0]
     array([0, 0, 1, 1, 2, 2, 3, 3])
     """
 
@@ -133,15 +133,15 @@ class PieceGrowth:
             return None
         return cls(graph, pieces, kernel, floors[0] if floors else -1.0, tiny)
 
-    def split(self, quotas: Int, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
+    def split(self, quotas: Int, seeds: UInt64, notify: Notify) -> tuple[Int, Int]:
         """Split piece i into ``quotas[i]`` connected pieces (see Growth)."""
-        return self._split(quotas, 0.0, tell)
+        return self._split(quotas, 0.0, notify)
 
-    def split_to_size(self, limit: float, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
+    def split_to_size(self, limit: float, seeds: UInt64, notify: Notify) -> tuple[Int, Int]:
         """Split the pieces until only single cells are wider than ``limit``."""
-        return self._split(np.zeros(len(seeds), np.int64), limit, tell)
+        return self._split(np.zeros(len(seeds), np.int64), limit, notify)
 
-    def _split(self, quotas: Int, limit: float, tell: Tell) -> tuple[Int, Int]:
+    def _split(self, quotas: Int, limit: float, notify: Notify) -> tuple[Int, Int]:
         """Split each piece into its quota of parts, or into parts no wider than a positive ``limit``.
 
         Returns as :meth:`split`. Rows in ``todo`` are pieces, with the columns of ``piece_driver``.
@@ -158,7 +158,7 @@ class PieceGrowth:
 
         def handled() -> None:
             pieces, cells, _ = tally.sum(axis=0).tolist()
-            tell(min(1.0, cells / work), f"{len(quotas) + pieces:,} parts")
+            notify(min(1.0, cells / work), f"{len(quotas) + pieces:,} parts")
 
         # 2. Split all pieces, in several threads or in shares where needed.
         if thread_count() > 1 or len(leaf) > _AT_ONCE:

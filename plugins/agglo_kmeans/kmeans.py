@@ -23,7 +23,7 @@ from agglo_core.authoring import (
     frozen_int,
 )
 from agglo_core.graph.ordering import curve_order
-from agglo_core.progress import to_nobody
+from agglo_core.progress import ignore_progress
 from agglo_core.split.piece_growth import PieceGrowth
 from agglo_kmeans.lattice import lattice_parts
 
@@ -156,8 +156,8 @@ class KMeans:
         assert growth is not None  # refiner and fixer are the built-in ones
         seeds = np.zeros(1, np.uint64)
         if target.h_star is None:
-            return growth.split(frozen_int([target.parts or 1]), seeds, to_nobody)[0]
-        return growth.split_to_size(SizeGoal(target.h_star).limit, seeds, to_nobody)[0]
+            return growth.split(frozen_int([target.parts or 1]), seeds, ignore_progress)[0]
+        return growth.split_to_size(SizeGoal(target.h_star).limit, seeds, ignore_progress)[0]
 
     def _lloyd(self, graph: Graph, k: int) -> Int:
         """Partition into at most k parts by Lloyd steps from equal-mass runs of a space-filling curve."""

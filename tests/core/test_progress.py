@@ -60,24 +60,24 @@ def assert_whole(told: list[Progress]) -> list[str]:
 
 def test_a_phase_is_told_from_0_to_1_and_never_back(unhurried: None) -> None:
     told: list[Progress] = []
-    with phase(told.append, "counting", "sheep") as tell:
+    with phase(told.append, "counting", "sheep") as notify:
         for fraction, text in ((0.2, "one"), (0.1, ""), (0.7, "two"), (1.7, "")):
-            tell(fraction, text)
+            notify(fraction, text)
     assert [now.fraction for now in told] == [0.0, 0.2, 0.2, 0.7, 1.0, 1.0]
     assert [now.text for now in told] == ["sheep", "one", "one", "two", "two", "two"]
     assert {now.phase for now in told} == {"counting"}
     told.clear()
-    with pytest.raises(ZeroDivisionError), phase(told.append, "counting") as tell:
-        tell(0.5, str(1 / 0))
+    with pytest.raises(ZeroDivisionError), phase(told.append, "counting") as notify:
+        notify(0.5, str(1 / 0))
     assert [now.fraction for now in told] == [0.0]  # it was not finished
 
 
 def test_few_reports_come_through_and_the_last_one_does() -> None:
     told: list[Progress] = []
     start = time.monotonic()
-    with phase(told.append, "counting") as tell:
+    with phase(told.append, "counting") as notify:
         for i in range(100_000):
-            tell(i / 100_000, str(i))
+            notify(i / 100_000, str(i))
     assert len(told) <= 3 + 20 * (time.monotonic() - start)
     assert (told[-1].fraction, told[-1].text) == (1.0, "99999")
 
@@ -85,10 +85,10 @@ def test_few_reports_come_through_and_the_last_one_does() -> None:
 def test_parts_and_labels() -> None:
     told: list[tuple[float, str]] = []
 
-    def tell(fraction: float, text: str = "") -> None:
+    def notify(fraction: float, text: str = "") -> None:
         told.append((fraction, text))
 
-    inner = part(part(tell, 1, 2, "level 1"), 0, 4, "UF")
+    inner = part(part(notify, 1, 2, "level 1"), 0, 4, "UF")
     inner(0.5)
     assert told == [(0.5, "level 1"), (0.5, "level 1: UF"), (0.5 + 0.5 / 8, "level 1: UF")]
     heard: list[Progress] = []
@@ -239,13 +239,13 @@ def test_solvers_and_formats_of_others_need_not_tell(tmp_path: Path, unhurried: 
 class Told:
     """A format that tells how much it has written."""
 
-    suffixes, lossless, tells_progress = (".told",), False, True
+    suffixes, lossless, reports_progress = (".told",), False, True
 
     def read(self, path: Path) -> Mesh:
         return samples.squares(1)
 
-    def write(self, path: Path, mesh: Mesh, hierarchy: object = None, *, tell: Any) -> None:
-        tell(0.25, "a quarter")
+    def write(self, path: Path, mesh: Mesh, hierarchy: object = None, *, notify: Any) -> None:
+        notify(0.25, "a quarter")
         path.write_text("told")
 
 

@@ -15,7 +15,7 @@ from format_table import BEGIN, END, format_names, format_row, round_trips
 
 from agglo_core import FileError, Mesh
 from agglo_core.io.npz import Npz
-from agglo_core.progress import to_nobody
+from agglo_core.progress import ignore_progress
 from agglo_core.registry import Component, Registry, default, hookimpl
 
 PAGE = Path(__file__).parents[2] / "docs/reference/formats.md"
@@ -54,7 +54,10 @@ class Forgetful(Npz):
         if mesh.dim == 3:
             raise FileError("plane meshes only")
         super().write(
-            path, replace(mesh, points=mesh.points.round(11), cell_tags={}, face_tags={}), None, to_nobody
+            path,
+            replace(mesh, points=mesh.points.round(11), cell_tags={}, face_tags={}),
+            None,
+            ignore_progress,
         )
 
 

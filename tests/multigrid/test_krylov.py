@@ -16,7 +16,7 @@ from agglo_core.errors import OptionError
 from agglo_core.multigrid import pcg, pcg_columns
 from agglo_core.multigrid.krylov.look_ahead import conjugate_gradients
 from agglo_core.problems.iteration_history import TESTS, History
-from agglo_core.problems.residuals.backward_error import LIMIT, backward_error, limit_told
+from agglo_core.problems.residuals.backward_error import LIMIT, backward_error, explain_end
 
 N = 40
 RANDOM = np.random.default_rng(11)
@@ -347,10 +347,10 @@ def test_an_iteration_ends_once_its_residual_is_rounding(stop: str) -> None:
 
 def test_the_limit_of_precision_is_not_claimed_far_from_it() -> None:
     given = History(X * (1 + 1e-9), np.ones(2), False, "fell no further: …", 1e-9, (), "stagnation")
-    told = limit_told(given, A, b)
-    assert (told.ended, told.final) == ("stagnation", False)
-    assert told.backward_error > 1e-13
+    explained = explain_end(given, A, b)
+    assert (explained.ended, explained.final) == ("stagnation", False)
+    assert explained.backward_error > 1e-13
     singular = replace(given, x=X, energy_error=0.5)
-    assert limit_told(singular, A, b).ended == "stagnation"
-    assert limit_told(replace(given, x=X), A, b).ended == "rounding"
-    assert limit_told(replace(given, ended="most iterations"), A, b).backward_error is None
+    assert explain_end(singular, A, b).ended == "stagnation"
+    assert explain_end(replace(given, x=X), A, b).ended == "rounding"
+    assert explain_end(replace(given, ended="most iterations"), A, b).backward_error is None

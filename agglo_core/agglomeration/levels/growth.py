@@ -17,19 +17,19 @@ from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, UInt64
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
-from agglo_core.progress import Tell, phase
+from agglo_core.progress import Notify, phase
 from agglo_core.registry.attribution import attributed
 
 
 class Growth(Protocol):
     """Recursive bisection of graph pieces, performed by the bisector in one call per level."""
 
-    def split(self, quotas: Int, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
+    def split(self, quotas: Int, seeds: UInt64, notify: Notify) -> tuple[Int, Int]:
         """Split piece i, with the seed ``seeds[i]``, into ``quotas[i]`` connected pieces.
 
         Returns the new labels ``(n,)``, numbered by first node: these are the pieces for the next call. Also
         returns, for each depth, the counts ``(depths, 3)`` of split pieces, their cells and repaired pieces.
-        The callable ``tell`` receives the completed work share and a text.
+        The callable ``notify`` receives the completed work share and a text.
         """
 
 
@@ -37,7 +37,7 @@ class Growth(Protocol):
 class GrowthToSize(Growth, Protocol):
     """Optional interface of a growth object: bisect until all parts are small enough."""
 
-    def split_to_size(self, limit: float, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
+    def split_to_size(self, limit: float, seeds: UInt64, notify: Notify) -> tuple[Int, Int]:
         """Split the pieces until only single cells are wider than ``limit``.
 
         The results are those of ``split``.
@@ -149,17 +149,17 @@ def _split(
     If ``tested`` is False, connectivity and widths are not checked here, because the polish checks them.
     """
     seeds, owner = run.seeds(stage, int(labels.max()) + 1), run.bisector
-    with run.statistics.timed("grow"), phase(run.progress, "agglomerating") as tell:
+    with run.statistics.timed("grow"), phase(run.progress, "agglomerating") as notify:
         # Counts: each piece has a quota. Sizes: split to the size, and record single cells that are wider.
         if isinstance(goal, CountGoal):
             quotas = level_quotas(graph, labels, goal)
             with attributed(owner.title):
-                raw_labels, depths = growth.split(quotas, seeds, tell)
+                raw_labels, depths = growth.split(quotas, seeds, notify)
             parts = check_split(owner, graph, labels, quotas, raw_labels, tested=tested)
         else:
             to_size = cast(GrowthToSize, growth)  # ``_serves`` has checked it
             with attributed(owner.title):
-                raw_labels, depths = to_size.split_to_size(goal.limit, seeds, tell)
+                raw_labels, depths = to_size.split_to_size(goal.limit, seeds, notify)
             parts = check_split_to_size(owner, graph, labels, raw_labels, tested=tested)
             if tested:
                 run.note_widths(parts, graph.wide_parts(parts, goal.limit), goal.limit)

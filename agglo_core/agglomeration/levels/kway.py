@@ -14,7 +14,7 @@ from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
-from agglo_core.progress import Tell, phase
+from agglo_core.progress import Notify, phase
 from agglo_core.protocols import Target
 
 
@@ -50,8 +50,8 @@ def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> In
     parts = int(quotas.sum())
     # 2. Partition the components, refine the partition, and connect its parts.
     seeds, statistics = run.seeds(stage, pieces.n_blocks), run.statistics
-    with statistics.timed("partition"), phase(run.progress, "partitioning") as tell:
-        local = _partition_components(pieces, quotas, goal, run, seeds, tell)
+    with statistics.timed("partition"), phase(run.progress, "partitioning") as notify:
+        local = _partition_components(pieces, quotas, goal, run, seeds, notify)
     if not run.final_parts:
         target = Target(parts=parts, h_star=goal.target.h_star)
         with statistics.timed("refine"):
@@ -67,7 +67,9 @@ def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> In
     return _finish(graph, frozen_int(labels), quotas, counts, goal, run, stage)
 
 
-def _partition_components(pieces: Graph, quotas: Int, goal: Goal, run: Run, seeds: UInt64, tell: Tell) -> Int:
+def _partition_components(
+    pieces: Graph, quotas: Int, goal: Goal, run: Run, seeds: UInt64, notify: Notify
+) -> Int:
     """Partition each component into its quota of parts, numbered from 0 in each component."""
     local = np.zeros(pieces.n, np.int64)
     own_count = run.final_parts and isinstance(goal, SizeGoal)  # else a component with quota 1 is a part
@@ -75,7 +77,7 @@ def _partition_components(pieces: Graph, quotas: Int, goal: Goal, run: Run, seed
         nodes = slice(int(pieces.offsets[b]), int(pieces.offsets[b + 1]))
         target = Target(parts=int(quotas[b]), h_star=goal.target.h_star)
         local[nodes] = run.partition(pieces[int(b)], target, int(seeds[b]))
-        tell(nodes.stop / pieces.n, f"{b + 1:,} of {pieces.n_blocks:,} components")
+        notify(nodes.stop / pieces.n, f"{b + 1:,} of {pieces.n_blocks:,} components")
     return frozen_int(local)
 
 

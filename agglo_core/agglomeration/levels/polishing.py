@@ -19,7 +19,7 @@ from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.graph.connection import broken_parts
 from agglo_core.hierarchy import by_first_cell
-from agglo_core.progress import Tell, phase
+from agglo_core.progress import Notify, phase
 from agglo_core.protocols import Target
 
 
@@ -58,8 +58,8 @@ class PostPass:
         If ``tested`` is False, the parts may be disconnected or too wide. The polish then checks all parts.
         """
         if self.merge and isinstance(goal, SizeGoal):
-            with run.statistics.timed("merge"), phase(run.progress, "merging") as tell:
-                labels = merge_parts(graph, blocks, labels, goal.limit, tell)
+            with run.statistics.timed("merge"), phase(run.progress, "merging") as notify:
+                labels = merge_parts(graph, blocks, labels, goal.limit, notify)
         if self.polish:
             with run.statistics.timed("polish"), phase(run.progress, "polishing"):
                 labels = _polish(graph, blocks, labels, goal, run, stage, tested=tested)
@@ -68,7 +68,7 @@ class PostPass:
         return labels
 
 
-def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, tell: Tell) -> Int:
+def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, notify: Notify) -> Int:
     """Merge adjacent parts whose union has a diameter of at most ``limit``, roundest unions first.
 
     A union counts as rounder if a larger share of its parts' boundary becomes interior. In each round every
@@ -78,14 +78,14 @@ def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, tell: Tell
 
     labels = by_first_cell(labels)
     parts = graph.coarsen(labels)
-    tell(0.0, f"{parts.n:,} parts")
+    notify(0.0, f"{parts.n:,} parts")
     owner = np.empty(parts.n, np.int64)
     owner[labels] = blocks
     csr = parts.indptr, parts.indices, parts.interface
     shapes = parts.vertex_offsets, parts.vertices, parts.points
     merged = merge_by_proposals(*csr, parts.boundary, frozen_int(owner), *shapes, float(limit))
     result = by_first_cell(merged[labels])
-    tell(1.0, f"{int(result.max()) + 1:,} parts")
+    notify(1.0, f"{int(result.max()) + 1:,} parts")
     return result
 
 

@@ -20,7 +20,7 @@ from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int, splitmix
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Tree
-from agglo_core.progress import Tell, phase
+from agglo_core.progress import Notify, phase
 from agglo_core.split.side_shares import side_shares
 
 
@@ -108,12 +108,12 @@ def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tup
     >>> tree.labels(leaves)
     array([0, 0, 1, 1, 2, 2, 3, 3])
     """
-    with phase(run.progress, "agglomerating") as tell:
-        return _bisect_by_depth(graph, labels, goal, run, stage, tell)
+    with phase(run.progress, "agglomerating") as notify:
+        return _bisect_by_depth(graph, labels, goal, run, stage, notify)
 
 
 def _bisect_by_depth(
-    graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Tell
+    graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, notify: Notify
 ) -> tuple[Tree, Int]:
     """Bisect the unfinished pieces depth by depth until every piece is finished."""
     tree = _TreeBuilder(graph.n, goal)
@@ -133,7 +133,7 @@ def _bisect_by_depth(
         # 2. Store the finished pieces.
         leaves.append(nodes[finished])
         tree.write(start, finished, cells, order, offsets)
-        tell(*tree.reached(expected))
+        notify(*tree.reached(expected))
         if finished.all():
             return tree.tree(), frozen_int(np.concatenate(leaves))
         # 3. Graph of the unfinished pieces, one block per piece.

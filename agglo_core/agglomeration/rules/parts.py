@@ -16,7 +16,7 @@ from agglo_core.progress import phase
 from agglo_core.registry.attribution import Member, attributed
 
 Refused = Callable[[Int, Mask], Mask]
-"""``refused(labels, asked)`` returns a mask of inadmissible parts among the parts ``asked (k,)``."""
+"""``refused(labels, examined)`` returns a mask of inadmissible parts among the parts ``examined (k,)``."""
 
 Pairs = set[tuple[int, int]]
 

@@ -114,7 +114,7 @@ def wave(name: str, mesh: Mesh, kappa: Float, degree: int, every: float, progres
     problem = Diffusion(kappa=kappa, source=0.0, neumann={0: 0.0})
     membrane, spent, setup, counts, frames = Membrane(STEP), 0.0, 0.0, list[int](), dict[float, Any]()
     states = evolve(mesh, problem, _focus, T_END, STEP, "bdf2", reaction=membrane, degree=degree)
-    with phase(progress, "stepping", f"{name}, p = {degree}") as tell:
+    with phase(progress, "stepping", f"{name}, p = {degree}") as notify:
         start = time.process_time()
         for t, state in states:
             spent += time.process_time() - start
@@ -122,7 +122,7 @@ def wave(name: str, mesh: Mesh, kappa: Float, degree: int, every: float, progres
             counts.append(state.iterations)
             if np.isclose(t % every, 0.0):
                 frames[t] = state.samples()
-            tell(t / T_END)
+            notify(t / T_END)
             start = time.process_time()
     return Wave(
         mesh=name,

@@ -126,7 +126,7 @@ def _attempt(
         return Solved(error=str(error))
     # Without progress reports, set-up and solve cannot be separated.
     total = time.process_time() - start
-    tells = clock.seen and bool(getattr(solver.tool, "tells_progress", False))
+    has_phases = clock.seen and bool(getattr(solver.tool, "reports_progress", False))
     return Solved(
         iterations=int(solution.iterations),
         converged=bool(solution.converged),
@@ -134,8 +134,8 @@ def _attempt(
         reason=solution.reason,
         seconds={
             "hierarchy": run.cpu_seconds,
-            "setup": total - clock.seconds if tells else None,
-            "solve": clock.seconds if tells else total,
+            "setup": total - clock.seconds if has_phases else None,
+            "solve": clock.seconds if has_phases else total,
         },
         details=_details(solver, posed, run, solution, progress) if detailed else {},
     )

@@ -48,7 +48,7 @@ class Subject:
         Cached result of the speed measurement (see :mod:`agglo_core.conformance.inputs.speed`).
     disturbed : list of str
         Process settings changed by building the component.
-    told : Target, optional
+    goal : Target, optional
         If set, the bisector under test is the result of ``for_target`` for this target.
     """
 
@@ -64,7 +64,7 @@ class Subject:
     draws: int = 1000
     pace: list[Any] = field(default_factory=list, compare=False, repr=False)
     disturbed: list[str] = field(default_factory=list, compare=False, repr=False)
-    told: Target | None = None
+    goal: Target | None = None
 
     def build(self) -> Any:
         """Build the component with its options, or return the object given for the test.
@@ -78,7 +78,7 @@ class Subject:
             tool = self.make()
         except PLUGIN_FAILURES as error:
             raise Broken("it cannot be built: see the law builds") from error
-        return tool if self.told is None else for_target(tool, self.told)
+        return tool if self.goal is None else for_target(tool, self.goal)
 
     def make(self, **extra_options: Any) -> Any:
         """Build the component with additional or replaced options.

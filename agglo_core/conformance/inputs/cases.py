@@ -162,8 +162,8 @@ def graph_case(
     # As in runs, the part count refers to the whole mesh, and exceeds the part count here.
     count = len(np.unique(labels + (int(labels.max()) + 1) * graph.block_ids)) + 2
     size = 0.4 * float(np.linalg.norm(np.ptp(graph.points, axis=0)))
-    told = Target(None if target == "size" else count, None if target == "count" else size)
-    return Case(name, (graph, labels, seeds_for(graph.n_blocks, seed), told), code, mesh)
+    aim = Target(None if target == "size" else count, None if target == "count" else size)
+    return Case(name, (graph, labels, seeds_for(graph.n_blocks, seed), aim), code, mesh)
 
 
 def mesh_case(recipe: DrawnMesh, layout: Layout, parts: int) -> Case:

@@ -164,7 +164,7 @@ def select_accepted(subject: Subject, test_cases: list[Case]) -> list[Case]:
     return [case for case in test_cases if case.sort not in refused]
 
 
-def with_suffix(subject: Subject, asked: list[Case]) -> list[Case]:
+def with_suffix(subject: Subject, standard: list[Case]) -> list[Case]:
     """Return the test cases of a file format, with the first suffix that the format can write.
 
     The list is empty for read-only formats.
@@ -175,7 +175,7 @@ def with_suffix(subject: Subject, asked: list[Case]) -> list[Case]:
     simple = cases("format")[0]
     candidates = (s for s in suffixes if not refuses(subject, _with_suffix(simple, s)))
     suffix = suffixes[0] if len(suffixes) == 1 else next(candidates, suffixes[0])
-    return [_with_suffix(case, suffix) for case in asked]
+    return [_with_suffix(case, suffix) for case in standard]
 
 
 def _with_suffix(case: Case, suffix: str) -> Case:

@@ -146,7 +146,7 @@ def told_the_target(subject: Subject) -> None:
         tool = subject.build()
         for rule in rules if for_target(tool, target) is not tool else []:
             try:
-                rule.judge(replace(subject, told=target))
+                rule.judge(replace(subject, goal=target))
             except Broken as error:
                 raise Broken(f"for {target}, {rule.name}: {error}", error.cause, error.code) from error
 

@@ -82,8 +82,8 @@ class DistributedHierarchy:
         owner = np.searchsorted(bounds, pairs[:, 0], side="right") - 1
         parcels: dict[int, NDArray[Any]] = {rank: pairs[owner == rank] for rank in np.unique(owner).tolist()}
         parents = np.empty(bounds[ranks.rank + 1] - bounds[ranks.rank], np.int64)
-        for told in ranks.exchanged(parcels).values():
-            parents[told[:, 0] - bounds[ranks.rank]] = told[:, 1]
+        for pairs in ranks.exchanged(parcels).values():
+            parents[pairs[:, 0] - bounds[ranks.rank]] = pairs[:, 1]
         return frozen_int(parents)
 
     def prolongation(self, level: int) -> sparse.csr_array[Any, Any]:

@@ -12,7 +12,7 @@ from agglo_core.distributed.agglomeration.domain_run import DomainRun
 from agglo_core.distributed.agglomeration.goals import Census, census_of, ready_goals, row_of
 from agglo_core.distributed.agglomeration.stages import Numbering, Stage
 from agglo_core.distributed.communication import Traffic
-from agglo_core.progress import Tell
+from agglo_core.progress import Notify
 
 _NODES_PER_PART = 32
 """Minimum number of nodes per part of larger domains. Fewer nodes degrade shapes.
@@ -52,7 +52,7 @@ class Level:
 
 
 def build_levels(
-    stage: Stage, goals: Sequence[Goal], maker: DomainRun, turn: int = 0, told: Tell | None = None
+    stage: Stage, goals: Sequence[Goal], maker: DomainRun, turn: int = 0, notify: Notify | None = None
 ) -> list[Level]:
     """Build a level for each target, finest first.
 
@@ -62,20 +62,20 @@ def build_levels(
     """
     if not goals:
         return []
-    if told is not None:
-        told(0.0, f"{len(goals)} levels, {stage.count} domains")
+    if notify is not None:
+        notify(0.0, f"{len(goals)} levels, {stage.count} domains")
     # Case 1: some goals are feasible on the given domains.
     census = census_of(stage.of_all(lambda domain: row_of(domain, goals, maker.kept.bounds)))
     shares = ready_goals(goals, census)
     if shares[0]:
-        return _build_feasible_levels(stage, goals, shares, maker, turn, told)
+        return _build_feasible_levels(stage, goals, shares, maker, turn, notify)
     # Case 2: shrink the domains by an intermediate level first.
     middle_goal = _middle_goal(census, goals[0])
     if middle_goal is not None:
-        return _build_by_middle_level(stage, middle_goal, goals, maker, turn, told)
+        return _build_by_middle_level(stage, middle_goal, goals, maker, turn, notify)
     # Case 3: join pairs of domains, and bring the levels back.
     fewer, way = stage.halved()
-    levels = build_levels(fewer, goals, maker, turn + 1, told)
+    levels = build_levels(fewer, goals, maker, turn + 1, notify)
     numbers = sorted(stage.domains)
     stage_levels = []
     for level in levels:
@@ -90,7 +90,7 @@ def _build_feasible_levels(
     shares: Sequence[Sequence[Goal]],
     maker: DomainRun,
     turn: int,
-    tell: Tell | None,
+    notify: Notify | None,
 ) -> list[Level]:
     """Build the levels that are possible on the given domains, then the coarser levels on top of them."""
     with stage.ranks.together():
@@ -107,7 +107,7 @@ def _build_feasible_levels(
     coarser_goals = goals[len(levels) :]
     if not coarser_goals:
         return levels
-    return levels + _build_above(stage, level_labels, numbering, coarser_goals, maker, turn, tell)
+    return levels + _build_above(stage, level_labels, numbering, coarser_goals, maker, turn, notify)
 
 
 def _build_by_middle_level(
@@ -116,7 +116,7 @@ def _build_by_middle_level(
     goals: Sequence[Goal],
     maker: DomainRun,
     turn: int,
-    tell: Tell | None,
+    notify: Notify | None,
 ) -> list[Level]:
     """Agglomerate to an auxiliary level first, and build the levels from its agglomerates."""
     total = sum(int(nodes) for (nodes,) in stage.of_all(lambda domain: [domain.n]))
@@ -125,7 +125,7 @@ def _build_by_middle_level(
             number: maker.intermediate(domain, _share(domain, middle_goal, total), number, turn)
             for number, domain in stage.domains.items()
         }
-    return _build_above(stage, labels, stage.numbered(labels), goals, maker, turn, tell)
+    return _build_above(stage, labels, stage.numbered(labels), goals, maker, turn, notify)
 
 
 def _build_above(
@@ -135,11 +135,11 @@ def _build_above(
     goals: Sequence[Goal],
     maker: DomainRun,
     turn: int,
-    tell: Tell | None,
+    notify: Notify | None,
 ) -> list[Level]:
     """Build the coarser levels from the agglomerates ``labels``, and return their part ids on finer nodes."""
     coarse = stage.coarsened(labels, numbering)
-    levels = build_levels(coarse, goals, maker, turn + 1, tell)
+    levels = build_levels(coarse, goals, maker, turn + 1, notify)
     return [
         level.with_ids({number: frozen_int(level.ids[number][labels[number]]) for number in labels})
         for level in levels

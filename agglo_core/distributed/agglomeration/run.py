@@ -81,10 +81,10 @@ def agglomerate(
         beginning = start.begun(independent_of_ranks, block_cells)
         with ranks.together():
             run = new_run(options, active_registry)
-        with phase(listen, "agglomerating") as tell:
+        with phase(listen, "agglomerating") as notify:
             ranks.since_last()
             levels = build_levels(
-                beginning.stage, start.goals, DomainRun(options, run, start.kept), told=tell
+                beginning.stage, start.goals, DomainRun(options, run, start.kept), notify=notify
             )
         labels = [beginning.of_own_cells(level.ids) for level in levels]
     # Collect statistics of all ranks.

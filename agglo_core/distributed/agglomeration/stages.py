@@ -59,17 +59,17 @@ class Stage:
         """Return the rank of each given domain."""
         return rank_of_block(domain, self.count, self.ranks.size)
 
-    def of_all(self, asked: Callable[[Domain], Sequence[float]]) -> list[tuple[float, ...]]:
+    def of_all(self, measure: Callable[[Domain], Sequence[float]]) -> list[tuple[float, ...]]:
         """Evaluate a function on each domain, and return the results of all domains on every rank."""
         with self.ranks.together():
-            local_rows = {number: tuple(asked(domain)) for number, domain in self.domains.items()}
+            local_rows = {number: tuple(measure(domain)) for number, domain in self.domains.items()}
         rows = {number: row for table in self.ranks.gathered(local_rows) for number, row in table.items()}
         return [rows[number] for number in range(self.count)]
 
     def numbered(self, labels: Mapping[int, Int]) -> Numbering:
         """Number the parts of all domains globally, from the labels 0..k−1 in each domain of this rank."""
         own = {number: int(each.max(initial=-1)) + 1 for number, each in labels.items()}
-        counts = {number: k for told in self.ranks.gathered(own) for number, k in told.items()}
+        counts = {number: k for counted in self.ranks.gathered(own) for number, k in counted.items()}
         first = np.concatenate(([0], np.cumsum([counts[number] for number in range(self.count)])))
         owner = self.rank_of(frozen_int(np.arange(self.count)))
         return Numbering(

@@ -65,8 +65,8 @@ def _usual_tags(mesh: DistributedMesh) -> dict[str, int]:
 
 def _with_loops(piece: Piece, mesh: DistributedMesh) -> Piece:
     """Add the array of boundary loops per cell if the piece of another rank has this array."""
-    told = mesh.ranks.gathered(BRIDGES in piece.cell_data)
-    if BRIDGES in piece.cell_data or not any(told):
+    present = mesh.ranks.gathered(BRIDGES in piece.cell_data)
+    if BRIDGES in piece.cell_data or not any(present):
         return piece
     single = frozen_int(np.ones(len(mesh.own)))
     return piece._replace(cell_data={**piece.cell_data, BRIDGES: single})

@@ -217,8 +217,8 @@ class DistributedMesh(CellValues):
 
     def __repr__(self) -> str:
         rank, own = self.ranks, len(self.own)
-        told = f"{own} own, {len(self.owners) - own} ghosts"
-        return f"DistributedMesh({self.n_cells} cells; rank {rank.rank} of {rank.size}: {told})"
+        counts = f"{own} own, {len(self.owners) - own} ghosts"
+        return f"DistributedMesh({self.n_cells} cells; rank {rank.rank} of {rank.size}: {counts})"
 
     def check(self) -> None:
         """Check that each cell has one owner, and that ghosts are complete and equal to the owners' cells.

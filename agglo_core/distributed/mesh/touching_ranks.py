@@ -50,9 +50,9 @@ def refuse_hanging_vertices(own: WholeCells, ranks: Ranks) -> None:
     with ranks.together():
         pairs, hang = _contacts(near)
         if hang.any():
-            told = " and ".join(_describe_cell(near, cell) for cell in pairs[np.argmax(hang)])
+            cells = " and ".join(_describe_cell(near, cell) for cell in pairs[np.argmax(hang)])
             fault = (
-                f"faces of {told} coincide in part but are not equal, so the cells would "
+                f"faces of {cells} coincide in part but are not equal, so the cells would "
                 "not be neighbours: give both cells all points on the faces between them, "
                 "or pass allow_gaps=True if the gap is intended"
             )

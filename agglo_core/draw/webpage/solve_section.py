@@ -135,8 +135,11 @@ def _seconds(data: Mapping[str, Any]) -> str:
     clocks = {title: data[key] for key, title in _CLOCKS.items() if data[key]}
     if not clocks:
         return '<p class="hint">Not reported by the solver.</p>'
-    told = dict.fromkeys(phase for clock in clocks.values() for phase in clock)
-    phases = [*(each for each in _PHASES if each in told), *(each for each in told if each not in _PHASES)]
+    measured = dict.fromkeys(phase for clock in clocks.values() for phase in clock)
+    phases = [
+        *(each for each in _PHASES if each in measured),
+        *(each for each in measured if each not in _PHASES),
+    ]
     rows = [
         [_PHASES.get(each, each), *(_two_decimals(clock.get(each)) for clock in clocks.values())]
         for each in phases

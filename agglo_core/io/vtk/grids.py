@@ -26,7 +26,7 @@ from agglo_core.io.vtk.cells import POLYHEDRON, Cells, cells_of, select_cells
 from agglo_core.io.vtk.xml_read import DERIVED
 from agglo_core.io.vtk.xml_write import Piece
 from agglo_core.mesh import Mesh
-from agglo_core.progress import Tell, part
+from agglo_core.progress import Notify, part
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -104,7 +104,7 @@ _log = logging.getLogger("agglo")
 class WritePiece(Protocol):
     """Type of functions that write the contents of a VTK file."""
 
-    def __call__(self, path: Path, piece: Piece, *, compress: bool, tell: Tell) -> None:
+    def __call__(self, path: Path, piece: Piece, *, compress: bool, notify: Notify) -> None:
         """Write the contents to a file."""
 
 
@@ -131,7 +131,7 @@ def write_grids(
     mesh: Mesh,
     hierarchy: Hierarchy | None,
     level_values: LevelValues | None,
-    tell: Tell,
+    notify: Notify,
     *,
     compress: bool,
 ) -> None:
@@ -157,7 +157,7 @@ def write_grids(
     hierarchy : Hierarchy or None
     level_values : sequence of mappings of name to (k,) float, or None
         Values on the k agglomerates of each level, finest first; NaN and infinities are kept.
-    tell : callable
+    notify : callable
     compress : bool
         Store compressed arrays.
 
@@ -176,17 +176,17 @@ def write_grids(
     reserved_names = {BRIDGES, *(name for name in mesh.cell_tags if not is_level(name))}
     with staging(path) as folder:
         for i, labels in enumerate(levels):  # before the fine mesh, whose derived arrays stay in memory
-            tell_piece = part(tell, i, 1 + len(levels), f"level {i}")
+            notify_piece = part(notify, i, 1 + len(levels), f"level {i}")
             coarse = mesh.coarsen(labels)
             note_varying_tags(mesh, coarse, i)
             piece = _coarse_piece(storage, coarse, levels, i, values[i], reserved_names)
             storage.write(
-                folder / f"{path.stem}_level{i}{path.suffix}", piece, compress=compress, tell=tell_piece
+                folder / f"{path.stem}_level{i}{path.suffix}", piece, compress=compress, notify=notify_piece
             )
             del piece, coarse  # free it before the next piece is created
-        tell_piece = part(tell, len(levels), 1 + len(levels))
+        notify_piece = part(notify, len(levels), 1 + len(levels))
         piece = piece_of(mesh, storage.faces, tags, {})
-        storage.write(folder / path.name, piece, compress=compress, tell=tell_piece)
+        storage.write(folder / path.name, piece, compress=compress, notify=notify_piece)
     if levels:
         _remove_stale(storage, path, len(levels))
 

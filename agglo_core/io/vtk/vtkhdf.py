@@ -33,7 +33,7 @@ from agglo_core.io.vtk.pieces import Stored, check_counts, mesh_from_pieces, sou
 from agglo_core.io.vtk.xml_write import Piece
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import take_cells
-from agglo_core.progress import Tell, part, to_nobody
+from agglo_core.progress import Notify, ignore_progress, part
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -46,7 +46,7 @@ class VtkHdf(Compressing):
 
     lossless: bool = False
     atomic: bool = True
-    tells_progress: bool = True
+    reports_progress: bool = True
     keeps_level_values: bool = True
 
     def read(self, path: Path) -> Mesh:
@@ -75,7 +75,7 @@ class VtkHdf(Compressing):
         mesh: Mesh,
         hierarchy: Hierarchy | None = None,
         level_values: LevelValues | None = None,
-        tell: Tell = to_nobody,
+        notify: Notify = ignore_progress,
     ) -> None:
         """Write a mesh to ``path``, and each coarse mesh to a file beside it, see :func:`write_grids`.
 
@@ -91,7 +91,7 @@ class VtkHdf(Compressing):
             mesh,
             hierarchy,
             level_values,
-            tell,
+            notify,
             compress=self.compress,
         )
 
@@ -211,7 +211,7 @@ def _faces(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
     }
 
 
-def _write(path: Path, piece: Piece, *, compress: bool, tell: Tell) -> None:
+def _write(path: Path, piece: Piece, *, compress: bool, notify: Notify) -> None:
     options = {"compression": "gzip", "compression_opts": _LEVEL, "shuffle": True} if compress else {}
     with hdf5().File(path, "w") as file:
         group = file.create_group(GROUP)
@@ -220,7 +220,7 @@ def _write(path: Path, piece: Piece, *, compress: bool, tell: Tell) -> None:
         group.attrs["agglo"] = np.bytes_(piece.kind.encode())
         arrays = list(_arrays(piece))
         for place, (name, values) in enumerate(arrays):
-            part(tell, place, len(arrays), name)
+            part(notify, place, len(arrays), name)
             group.create_dataset(name, data=values, **(options if values.size > 1 else {}))
         for name in piece.derived:
             group[f"CellData/{name}"].attrs[DERIVED] = np.bytes_(b"derived")

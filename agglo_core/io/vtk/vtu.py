@@ -34,7 +34,7 @@ from agglo_core.io.vtk.xml_read import TYPES, Document, is_derived, parse
 from agglo_core.io.vtk.xml_write import MESH, SOLUTION, write_document
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import take_cells
-from agglo_core.progress import Tell, to_nobody
+from agglo_core.progress import Notify, ignore_progress
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -67,7 +67,7 @@ class Vtu(Compressing):
 
     lossless: bool = False
     atomic: bool = True
-    tells_progress: bool = True
+    reports_progress: bool = True
     keeps_level_values: bool = True
 
     def read(self, path: Path) -> Mesh:
@@ -88,14 +88,14 @@ class Vtu(Compressing):
         mesh: Mesh,
         hierarchy: Hierarchy | None = None,
         level_values: LevelValues | None = None,
-        tell: Tell = to_nobody,
+        notify: Notify = ignore_progress,
     ) -> None:
         """Write the mesh, and each coarse mesh with its level values to a separate file.
 
         Raises an AggloError.
         """
         storage = Storage(write_document, face_stream, is_own_file)
-        write_grids(storage, path, mesh, hierarchy, level_values, tell, compress=self.compress)
+        write_grids(storage, path, mesh, hierarchy, level_values, notify, compress=self.compress)
 
 
 class Vtp(Reading):

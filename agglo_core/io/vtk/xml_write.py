@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import fits_in_index
 from agglo_core.io.vtk.xml_read import DERIVED
-from agglo_core.progress import Tell, part, to_nobody
+from agglo_core.progress import Notify, ignore_progress, part
 
 _NAMES = {"i4": "Int32", "i8": "Int64", "u1": "UInt8", "f8": "Float64"}
 _BLOCK = 1 << 20  # bytes per write or compression
@@ -109,7 +109,9 @@ class StoredArray(NamedTuple):
         return self.components * self.dtype.itemsize
 
 
-def write_document(path: Path, piece: Piece, *, compress: bool = False, tell: Tell = to_nobody) -> None:
+def write_document(
+    path: Path, piece: Piece, *, compress: bool = False, notify: Notify = ignore_progress
+) -> None:
     """Write a VTU file array by array.
 
     Parameters
@@ -118,7 +120,7 @@ def write_document(path: Path, piece: Piece, *, compress: bool = False, tell: Te
     piece : Piece
     compress : bool
         Compress with zlib: smaller, but slower to write and to read.
-    tell : callable
+    notify : callable
         Called before each array.
     """
     arrays = list(stored_arrays(piece))
@@ -128,7 +130,7 @@ def write_document(path: Path, piece: Piece, *, compress: bool = False, tell: Te
         stream.write(bytes(xml_size))
         offsets = []
         for place, array in enumerate(arrays):
-            part(tell, place, len(arrays), array.name)
+            part(notify, place, len(arrays), array.name)
             offsets.append(stream.tell() - xml_size)
             (_deflate if compress else _store)(stream, array)
         stream.write(_END)

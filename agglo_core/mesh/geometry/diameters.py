@@ -70,9 +70,9 @@ def compared_diameters(
 
 
 def wide_parts(
-    labels: Int, asked: Mask, limit: float, vertex_offsets: Int, vertices: Index, points: Float
+    labels: Int, examined: Mask, limit: float, vertex_offsets: Int, vertices: Index, points: Float
 ) -> Mask:
-    """Return the mask of parts with a diameter above ``limit``, among those in the mask ``asked (k,)``.
+    """Return the mask of parts with a diameter above ``limit``, among those in the mask ``examined (k,)``.
 
     The labels ``(n,)`` are below k.
 
@@ -83,17 +83,17 @@ def wide_parts(
     >>> import numpy as np
     >>> from agglo_core.mesh import wide_parts
     >>> graph = agglo.samples.squares(2).graph
-    >>> labels, asked = np.array([0, 1, 1, 1]), np.array([True, True])
-    >>> wide_parts(labels, asked, 1.0, graph.vertex_offsets, graph.vertices, graph.points)
+    >>> labels, examined = np.array([0, 1, 1, 1]), np.array([True, True])
+    >>> wide_parts(labels, examined, 1.0, graph.vertex_offsets, graph.vertices, graph.points)
     array([False,  True])
     """
     from agglo_core.compiled.graphs import list_blocks
     from agglo_core.compiled.part_faults import extend_parts
 
     def bound_range(start: int, stop: int) -> Float:
-        thread_bounds = np.empty((len(asked), 8))
+        thread_bounds = np.empty((len(examined), 8))
         thread_bounds[:, :4], thread_bounds[:, 4:] = np.inf, -np.inf
-        extend_parts(start, stop, labels, asked, vertex_offsets, vertices, points, thread_bounds)
+        extend_parts(start, stop, labels, examined, vertex_offsets, vertices, points, thread_bounds)
         return thread_bounds
 
     # Extents of each part along fixed directions, from all threads.
@@ -111,10 +111,10 @@ def wide_parts(
     else:
         lower, upper = extents.max(axis=1), np.sqrt((extents[:, :3] ** 2).sum(axis=1))
     # Measure the parts whose bounds do not decide.
-    wide = asked & (lower > limit * (1 + _NEAR))
-    near = np.flatnonzero(asked & ~wide & (upper >= limit * (1 - _NEAR)))
+    wide = examined & (lower > limit * (1 + _NEAR))
+    near = np.flatnonzero(examined & ~wide & (upper >= limit * (1 - _NEAR)))
     if len(near):
-        listed, starts = list_blocks(labels, frozen_int(near), len(asked))
+        listed, starts = list_blocks(labels, frozen_int(near), len(examined))
         offsets, shape = frozen_int(starts), (vertex_offsets, vertices, points)
         if points.shape[1] == 2:
             centres = frozen_float(least[near, :2] + 0.5 * extents[near, :2])

@@ -11,9 +11,9 @@ from agglo_core.arrays import Float, frozen_float
 from agglo_core.multigrid.krylov.stopping import SAID, Rules
 from agglo_core.multigrid.matrices.block_product import fast_product
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History, iterated
-from agglo_core.problems.residuals.backward_error import limit_told
+from agglo_core.problems.residuals.backward_error import explain_end
 from agglo_core.problems.residuals.sizes import Measure, two_norm
-from agglo_core.progress import Tell, to_nobody
+from agglo_core.progress import Notify, ignore_progress
 from agglo_core.threads import one_blas_thread
 
 _RESTART = 50
@@ -35,7 +35,7 @@ def gcr(
     most: int = 1000,
     pace: float | None = None,
     measure: Measure,
-    tell: Tell = to_nobody,
+    notify: Notify = ignore_progress,
 ) -> History:
     """Solve A x = b by flexible generalised conjugate residuals with restarts.
 
@@ -59,7 +59,7 @@ def gcr(
         Iterations of a good M from 0, see :func:`~agglo_core.multigrid.pcg`.
     measure : callable
         Residual measure.
-    tell : callable, optional
+    notify : callable, optional
         Receives the iteration progress.
 
     Returns
@@ -126,7 +126,7 @@ def gcr(
                     x, r, exact = x + alpha * p, r - alpha * q, False
                     residuals.append(two_norm(r))
                     size = measure(r)
-                    tell(*iterated(len(residuals) - 1, size, tolerance))
+                    notify(*iterated(len(residuals) - 1, size, tolerance))
     return _history(A, b, x, residuals, ended, measure, tolerance)
 
 
@@ -142,4 +142,4 @@ def _history(
     cause = _STAGNATED if ended == "stagnation" else SAID.get(ended, "")
     reason = MET if met else cause + sizes
     arrays = frozen_float(x), frozen_float(residuals)
-    return limit_told(History(*arrays, met, reason, None, passed, ended, size), A, b)
+    return explain_end(History(*arrays, met, reason, None, passed, ended, size), A, b)

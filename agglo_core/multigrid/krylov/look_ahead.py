@@ -12,10 +12,10 @@ from agglo_core.multigrid.krylov.lanczos import failure
 from agglo_core.multigrid.krylov.recursion import Recursion
 from agglo_core.multigrid.krylov.stopping import SAID, Restarts
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History, iterated
-from agglo_core.problems.residuals.backward_error import joints_told, magnitudes
+from agglo_core.problems.residuals.backward_error import explain_joints, magnitudes
 from agglo_core.problems.residuals.row_scales import lifted, penalised_rows, row_measure, row_sizes
 from agglo_core.problems.residuals.sizes import Measure, energy_of_solution, size_ratio, two_norm
-from agglo_core.progress import Tell, to_nobody
+from agglo_core.progress import Notify, ignore_progress
 
 _ILL_CONDITIONED = "the matrix is singular, or nearly so: "
 _AHEAD = 10
@@ -33,7 +33,7 @@ def conjugate_gradients(
     most: int = 10_000,
     measure: Measure | None = None,
     energy: Measure | None = None,
-    tell: Tell = to_nobody,
+    notify: Notify = ignore_progress,
 ) -> History:
     """Run plain conjugate gradients from 0 until residual and energy error are at most ``tolerance``.
 
@@ -48,7 +48,7 @@ def conjugate_gradients(
         Residual measure. Default: :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
     energy : callable, optional
         Function of x: the norm to compare ‖e‖_A with, for the error e. Default: (b·x)^½.
-    tell : callable, optional
+    notify : callable, optional
         Receives the iteration progress, see :func:`iterated`.
 
     Notes
@@ -79,7 +79,7 @@ def conjugate_gradients(
     if measure is None and energy is None:
         offset, load = lifted(A, b)
         tests = row_measure(A, load), energy_of_solution(load)
-        history = conjugate_gradients(A, load, tolerance, most, *tests, tell)
+        history = conjugate_gradients(A, load, tolerance, most, *tests, notify)
         return replace(history, x=frozen_float(offset + history.x)) if offset.any() else history
     # 1. Start from 0, with the row weights as preconditioner.
     weights = _weights(A)
@@ -106,7 +106,7 @@ def conjugate_gradients(
         sizes.append(look_ahead.check(cg, len(gains)))
         if sizes[-1] < sizes[smallest]:
             best, smallest = cg.x, len(sizes) - 1
-        tell(*iterated(len(gains), sizes[-1], tolerance))
+        notify(*iterated(len(gains), sizes[-1], tolerance))
     # 3. Converged: cut the history at the accepted iterate.
     if look_ahead.met:
         x = cg.x if look_ahead.x is None else look_ahead.x
@@ -118,7 +118,7 @@ def conjugate_gradients(
         )
     exact = b - A @ best  # may differ from the recursive residual by rounding
     size = max(sizes[smallest], look_ahead.measure(exact))
-    reason = look_ahead.reason(size, smallest, len(gains)) + joints_told(A)
+    reason = look_ahead.reason(size, smallest, len(gains)) + explain_joints(A)
     norms = frozen_float([*residuals[:smallest], max(residuals[smallest], float(np.linalg.norm(exact)))])
     passed = TESTS[: size <= tolerance]
     return History(

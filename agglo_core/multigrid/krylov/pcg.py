@@ -14,10 +14,10 @@ from agglo_core.multigrid.krylov.column import Column
 from agglo_core.multigrid.krylov.stopping import Beta, Request, Rules, Steps, Stop
 from agglo_core.multigrid.matrices.block_product import fast_product
 from agglo_core.problems.iteration_history import History, iterated
-from agglo_core.problems.residuals.backward_error import limit_told, magnitudes
+from agglo_core.problems.residuals.backward_error import explain_end, magnitudes
 from agglo_core.problems.residuals.row_scales import lifted, penalised_rows, row_measure
 from agglo_core.problems.residuals.sizes import Measure, energy_of_solution
-from agglo_core.progress import Tell, to_nobody
+from agglo_core.progress import Notify, ignore_progress
 from agglo_core.suggestions import suggest_keywords
 from agglo_core.threads import one_blas_thread
 
@@ -37,7 +37,7 @@ def pcg(
     pace: float | None = None,
     measure: Measure | None = None,
     energy: Measure | None = None,
-    tell: Tell = to_nobody,
+    notify: Notify = ignore_progress,
 ) -> History:
     """Solve A x = b by preconditioned conjugate gradients.
 
@@ -73,7 +73,7 @@ def pcg(
         :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
     energy : callable, optional
         Function of x: the norm to compare ‖e‖_A with, for the error e. Default: (b·x)^½.
-    tell : callable, optional
+    notify : callable, optional
         Receives the iteration progress.
 
     Returns
@@ -120,12 +120,12 @@ def pcg(
     start = np.zeros(len(whole)) if x0 is None else _numbers("x0", x0)
     _require_fit(A, M, whole, start)
     if measure is None and energy is None:
-        return _solve_lifted(A, whole[:, None], M, start[:, None], rules, tell)[0]
+        return _solve_lifted(A, whole[:, None], M, start[:, None], rules, notify)[0]
     column = Column(
         whole, start, rules, measure or row_measure(A, whole), energy or energy_of_solution(whole)
     )
-    _iterate(A, M, [column], tell)
-    return limit_told(column.history(), A, whole)
+    _iterate(A, M, [column], notify)
+    return explain_end(column.history(), A, whole)
 
 
 @suggest_keywords()
@@ -141,7 +141,7 @@ def pcg_columns(
     stop: Stop = "energy",
     probe: bool = True,
     pace: float | None = None,
-    tell: Tell = to_nobody,
+    notify: Notify = ignore_progress,
 ) -> tuple[History, ...]:
     """Run :func:`pcg` for several right-hand sides ``b (n, k)``, with a history per column.
 
@@ -164,10 +164,10 @@ def pcg_columns(
     rules = _rules(tolerance, most, beta, stop, probe, pace)
     start = np.zeros(whole.shape) if x0 is None else _numbers("x0", x0)
     _require_fit(A, M, whole, start)
-    return _solve_lifted(A, whole, M, start, rules, tell)
+    return _solve_lifted(A, whole, M, start, rules, notify)
 
 
-def _solve_lifted(A: Any, b: Float, M: Any, x0: Float, rules: Rules, tell: Tell) -> tuple[History, ...]:
+def _solve_lifted(A: Any, b: Float, M: Any, x0: Float, rules: Rules, notify: Notify) -> tuple[History, ...]:
     """Solve A x = b ``(n, k)`` iteratively after elimination of the values imposed by penalties."""
     rows = penalised_rows(A)
     offset, load = lifted(A, b, rows)
@@ -177,8 +177,8 @@ def _solve_lifted(A: Any, b: Float, M: Any, x0: Float, rules: Rules, tell: Tell)
         Column(each, y, rules, row_measure(A, each), energy_of_solution(each))
         for each, y in zip(np.ascontiguousarray(load.T), np.ascontiguousarray(start.T), strict=True)
     ]
-    _iterate(A, M, columns, tell)
-    histories = [limit_told(column.history(), A, column.b) for column in columns]
+    _iterate(A, M, columns, notify)
+    histories = [explain_end(column.history(), A, column.b) for column in columns]
     if not offset.any():
         return tuple(histories)
     return tuple(
@@ -186,7 +186,7 @@ def _solve_lifted(A: Any, b: Float, M: Any, x0: Float, rules: Rules, tell: Tell)
     )
 
 
-def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
+def _iterate(A: Any, M: Any, columns: Sequence[Column], notify: Notify) -> None:
     """Run the iterations of all right-hand sides together, with joint matrix products."""
 
     def sizes(vectors: list[Float]) -> list[Float]:
@@ -207,7 +207,7 @@ def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
                 ]
             if running:
                 slowest = max((entry[0] for entry in running), key=lambda column: column.size)
-                tell(*iterated(slowest.done, slowest.size, slowest.rules.tolerance))
+                notify(*iterated(slowest.done, slowest.size, slowest.rules.tolerance))
 
 
 def _next_request(steps: Steps, answer: Any) -> Request | tuple[None, None]:

@@ -57,7 +57,7 @@ def magnitudes(A: Any, x: Float) -> Float:
     return product
 
 
-def joints_told(A: Any) -> str:
+def explain_joints(A: Any) -> str:
     """Return a remark on two unknowns coupled so strongly that rounding hides other couplings, if any.
 
     Examples
@@ -65,9 +65,9 @@ def joints_told(A: Any) -> str:
     >>> import numpy as np
     >>> A = np.eye(9)
     >>> A[:2, :2] += 1e12 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    >>> joints_told(A)
+    >>> explain_joints(A)
     '; unknowns 0 and 1 are coupled so strongly (entry -1.0e+12) that rounding hides their other couplings'
-    >>> joints_told(np.eye(9))
+    >>> explain_joints(np.eye(9))
     ''
     """
     joint = stiffest_joint(A) if is_known(A) else None
@@ -80,28 +80,28 @@ def joints_told(A: Any) -> str:
     )
 
 
-def limit_told(history: History, A: Any, b: Float) -> History:
+def explain_end(history: History, A: Any, b: Float) -> History:
     """Add the backward error of the iterate to a history that ended by stagnation.
 
     The history ``ended`` by ``"rounding"`` if the backward error is at most :data:`LIMIT` and the energy
     error leaves two digits. The reason then also states whether the energy error meets the tolerance, and
     only the residual cannot. The reason of any unconverged history names two stiffly joined unknowns, if
-    present (:func:`joints_told`).
+    present (:func:`explain_joints`).
 
     Examples
     --------
     >>> import numpy as np
     >>> from scipy import sparse
     >>> from agglo_core.authoring import History
-    >>> from agglo_core.problems.residuals.backward_error import limit_told
+    >>> from agglo_core.problems.residuals.backward_error import explain_end
     >>> A, b = sparse.diags_array([1.0, 2.0]).tocsr(), np.ones(2)
     >>> known = np.array([1.0, 0.5]), np.array([1.0, 1e-9]), False, "stagnation: 1e-9", 1e-10
-    >>> told = limit_told(History(*known, ended="stagnation"), A, b)
-    >>> told.ended, told.reason
+    >>> explained = explain_end(History(*known, ended="stagnation"), A, b)
+    >>> explained.ended, explained.reason
     ('rounding', 'as accurate as double precision allows (backward error 0e+00): 1e-9')
     """
     if not history.converged:
-        history = replace(history, reason=history.reason + joints_told(A))
+        history = replace(history, reason=history.reason + explain_joints(A))
     error = backward_error(A, history.x, b) if history.ended == "stagnation" else None
     if error is None:
         return history

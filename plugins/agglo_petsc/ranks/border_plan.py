@@ -35,10 +35,10 @@ class BorderPlan:
         Rows of all parts in ``outer``, square; other rows are empty.
     copied, copies : mapping of rank to (m,) int
         Own parts copied to that rank; copies of its parts.
-    told, tellers : mapping of rank to (m,) int
+    receivers, senders : mapping of rank to (m,) int
         Parts in ``outer`` that the rank has, too; parts that it changes.
     colours : mapping of rank to int
-        Turns of this rank, if it has such patches, and of all ``tellers``.
+        Turns of this rank, if it has such patches, and of all ``senders``.
     """
 
     inner: Patches
@@ -46,8 +46,8 @@ class BorderPlan:
     rows: Any
     copied: Mapping[int, Int]
     copies: Mapping[int, Int]
-    told: Mapping[int, Int]
-    tellers: Mapping[int, Int]
+    receivers: Mapping[int, Int]
+    senders: Mapping[int, Int]
     colours: Mapping[int, int]
 
 
@@ -84,7 +84,7 @@ def border_plan(comm: Any, own: Any, starts: Int, patches: Patches | None) -> Bo
     copied = {
         rank: frozen_int(part_ids - first) for rank, part_ids in exchange_parcels(comm, requests).items()
     }
-    updates, tellers = _tellers(comm, starts, changed, copied)
+    updates, senders = _tellers(comm, starts, changed, copied)
     matrix = _square(rows, to_local(changed), to_local(ids), last - first + len(ghosts), own.blocksize[0])
     return BorderPlan(
         inner=Patches(inner.offsets, frozen_int(inner.parts - first)),
@@ -92,8 +92,8 @@ def border_plan(comm: Any, own: Any, starts: Int, patches: Patches | None) -> Bo
         rows=matrix,
         copied=copied,
         copies={rank: to_local(part_ids) for rank, part_ids in requests.items()},
-        told={rank: to_local(part_ids) for rank, part_ids in updates.items()},
-        tellers={rank: to_local(part_ids) for rank, part_ids in tellers.items()},
+        receivers={rank: to_local(part_ids) for rank, part_ids in updates.items()},
+        senders={rank: to_local(part_ids) for rank, part_ids in senders.items()},
         colours=_colours(comm, sorted(updates)),
     )
 

@@ -73,20 +73,20 @@ class _RankSweeps:
             b_and_x[:, item] = self._received(rank, (2, len(item), n))
         # 2. Receive the updates of ranks with earlier turns
         x_local, own_colour = b_and_x[1], plan.colours[comm.rank]
-        turns = sorted(plan.tellers, key=lambda rank: (plan.colours[rank], rank), reverse=back)
+        turns = sorted(plan.senders, key=lambda rank: (plan.colours[rank], rank), reverse=back)
         before = [
             rank for rank in turns if (plan.colours[rank] > own_colour) == back and self._outer is not None
         ]
         for rank in before:
-            x_local[plan.tellers[rank]] = self._received(rank, (len(plan.tellers[rank]), n))
+            x_local[plan.senders[rank]] = self._received(rank, (len(plan.senders[rank]), n))
         # 3. Sweep, and send the changes
         if self._outer is not None:
             x_local[:] = self._outer.sweep(b_and_x[0].ravel(), x_local.ravel(), back=back).reshape(-1, n)
-            requests += [comm.Isend(x_local[item], rank, _TAG) for rank, item in plan.told.items()]
+            requests += [comm.Isend(x_local[item], rank, _TAG) for rank, item in plan.receivers.items()]
         # 4. Receive the updates of ranks with later turns
         for rank in turns:
             if rank not in before:
-                x_local[plan.tellers[rank]] = self._received(rank, (len(plan.tellers[rank]), n))
+                x_local[plan.senders[rank]] = self._received(rank, (len(plan.senders[rank]), n))
         for item in requests:
             item.Wait()
         better: Float = x_local.ravel()

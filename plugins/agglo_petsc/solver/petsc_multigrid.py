@@ -24,7 +24,7 @@ from agglo_core.authoring import (
     phase,
     solvers,
 )
-from agglo_core.problems.residuals.backward_error import limit_told
+from agglo_core.problems.residuals.backward_error import explain_end
 from agglo_core.problems.solution import Deferred
 from agglo_petsc.ksp.checked_solve import solve
 from agglo_petsc.ksp.level_report import level_matrices, level_sizes, memory_of
@@ -99,7 +99,7 @@ class PetscMultigrid:
 
     accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
     needs_levels: ClassVar[bool] = False
-    tells_progress: ClassVar[bool] = True
+    reports_progress: ClassVar[bool] = True
     galerkin: ClassVar[bool] = True
 
     def __init__(
@@ -174,7 +174,7 @@ class PetscMultigrid:
                 max_iterations=self.max_iterations,
                 measure=None if measure is None else lambda local_r: measure(rank_system.gathered(local_r)),
             )
-        history = limit_told(replace(history, x=rank_system.gathered(history.x)), system.A, system.b)
+        history = explain_end(replace(history, x=rank_system.gathered(history.x)), system.A, system.b)
         alone, sizes = comm.getSize() == 1, level_sizes(ksp)
         operators: Any = Deferred(lambda: level_matrices(ksp)) if alone else [(system.A, None)]
         return replace(

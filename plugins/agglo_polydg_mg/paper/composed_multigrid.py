@@ -13,17 +13,17 @@ from agglo_core.authoring import (
     Hierarchy,
     Int,
     Listener,
+    Notify,
     OptionError,
     Problem,
     Registry,
     Smoother,
     Solution,
-    Tell,
     multigrid,
     phase,
     solvers,
 )
-from agglo_core.progress import to_nobody
+from agglo_core.progress import ignore_progress
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.paper.level_spaces import LevelSpaces, level_spaces
 from agglo_polydg_mg.paper.outer_iterations import (
@@ -85,7 +85,7 @@ class ComposedMultigrid:
     """
 
     accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
-    tells_progress: ClassVar[bool] = True
+    reports_progress: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -153,8 +153,8 @@ class ComposedMultigrid:
         choice = f"{parts.title}, {self.cycle}-cycle, {self.outer}"
         # 2. Set up the levels and the cycle
         try:
-            with watch("setup"), phase(progress, "setting up the levels") as tell:
-                stack = self._stack(parts, spaces, labels, tell)
+            with watch("setup"), phase(progress, "setting up the levels") as notify:
+                stack = self._stack(parts, spaces, labels, notify)
                 M = self._cycle(parts, stack)
         except np.linalg.LinAlgError as failure:
             watch.wall["solve"] = watch.cpu["solve"] = 0.0
@@ -162,8 +162,8 @@ class ComposedMultigrid:
             nothing = fine.solution(history, [(fine.A, None)], watch, self.tolerance)
             return replace(nothing, choice=choice)
         # 3. Iterate
-        with watch("solve"), phase(progress, "solving") as tell:
-            history = iterate(self.outer, fine, M, self.tolerance, self.max_iterations, tell)
+        with watch("solve"), phase(progress, "solving") as notify:
+            history = iterate(self.outer, fine, M, self.tolerance, self.max_iterations, notify)
         return replace(
             fine.solution(history, stack.operators, watch, self.tolerance),
             operator_complexity=stack.operator_complexity,
@@ -199,7 +199,7 @@ class ComposedMultigrid:
         parts: multigrid.Composition,
         spaces: LevelSpaces,
         labels: Sequence[Int],
-        tell: Tell = to_nobody,
+        notify: Notify = ignore_progress,
     ) -> multigrid.LevelStack:
         return parts.stack(
             spaces.system,
@@ -208,7 +208,7 @@ class ComposedMultigrid:
             rediscretised=spaces.rediscretised,
             steps=self.smoothing_steps,
             corrections=self.corrections,
-            tell=tell,
+            notify=notify,
         )
 
     def _cycle(self, parts: multigrid.Composition, stack: multigrid.LevelStack) -> LinearOperator:

@@ -7,8 +7,8 @@ from typing import Any, Final, Literal
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.authoring import Float, History, OptionError, Tell, pcg, solvers
-from agglo_core.progress import to_nobody
+from agglo_core.authoring import Float, History, Notify, OptionError, pcg, solvers
+from agglo_core.progress import ignore_progress
 from agglo_polydg_mg.paper.stationary import Step, stationary
 
 Cycle = Literal["V", "W", "F", "K"]
@@ -58,7 +58,7 @@ def iterate(
     M: LinearOperator,
     tolerance: float,
     most: int,
-    tell: Tell = to_nobody,
+    notify: Notify = ignore_progress,
 ) -> History:
     """Solve the system on the mesh by iteration from 0, with a cycle M as approximate inverse.
 
@@ -81,10 +81,10 @@ def iterate(
             stop="both",
             measure=fine.measure,
             energy=fine.measure.energy,
-            tell=tell,
+            notify=notify,
         )
     step = FlexibleSteps(fine.A, M) if outer == "flexible_cg" else _correction_step(fine.A, M)
-    return stationary(fine.A, fine.b, step, tolerance, most, fine.measure, tell)
+    return stationary(fine.A, fine.b, step, tolerance, most, fine.measure, notify)
 
 
 def _correction_step(A: Any, M: LinearOperator) -> Step:

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.authoring import Float, History, Tell, frozen_float, solvers
+from agglo_core.authoring import Float, History, Notify, frozen_float, solvers
 from agglo_core.problems.iteration_history import MET, TESTS, iterated
 from agglo_core.problems.residuals.sizes import size_ratio
-from agglo_core.progress import to_nobody
+from agglo_core.progress import ignore_progress
 
 _KEPT = 5
 """Number of kept corrections: more of them show the error in more slow modes, and take more memory and time
@@ -94,7 +94,7 @@ def stationary(
     tolerance: float,
     max_iterations: int,
     measure: solvers.ResidualMeasure | None = None,
-    tell: Tell = to_nobody,
+    notify: Notify = ignore_progress,
 ) -> History:
     """Repeat ``x = step(b, x)`` from 0 until x is accurate, at most ``max_iterations`` times.
 
@@ -107,7 +107,7 @@ def stationary(
     """
     run = _Run(A, b, step, tolerance, measure or solvers.ResidualMeasure(b))
     while not run.reason and (run.small or run.done < max_iterations):
-        tell(*iterated(run.done, run.size, tolerance))
+        notify(*iterated(run.done, run.size, tolerance))
         following = run.following()
         if run.done == max_iterations:
             break

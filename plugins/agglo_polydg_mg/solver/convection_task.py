@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.authoring import Float, History, Int, OptionError, Tell, multigrid, solvers
+from agglo_core.authoring import Float, History, Int, Notify, OptionError, multigrid, solvers
 from agglo_polydg_mg.auxiliary.downstream import downstream_stack
 from agglo_polydg_mg.auxiliary.strong_faces import strong_part
 from agglo_polydg_mg.forms.coefficients import cell_means
@@ -107,7 +107,7 @@ class ConvectionTask(DiffusionTask):
         tolerance: float,
         most: int,
         before: Sequence[History] | None,
-        tell: Tell,
+        notify: Notify,
         pace: float | None = None,
     ) -> list[History]:
         """Run :func:`~agglo_core.multigrid.gcr`, and return the convergence history in a list.
@@ -117,4 +117,4 @@ class ConvectionTask(DiffusionTask):
         start: Float | None = before[0].x if before else None
         fine = self.fine
         limits: dict[str, Any] = {"tolerance": tolerance, "most": most, "pace": pace}
-        return [multigrid.gcr(fine.A, fine.b, M.matvec, start, **limits, measure=fine.measure, tell=tell)]
+        return [multigrid.gcr(fine.A, fine.b, M.matvec, start, **limits, measure=fine.measure, notify=notify)]

@@ -20,9 +20,9 @@ from agglo_core.authoring import (
     History,
     Int,
     Mesh,
+    Notify,
     OptionError,
     Solution,
-    Tell,
     pcg,
     solvers,
 )
@@ -249,7 +249,7 @@ class DiffusionTask:
         tolerance: float,
         most: int,
         before: Sequence[History] | None,
-        tell: Tell,
+        notify: Notify,
         pace: float | None = None,
     ) -> list[History]:
         """Run preconditioned conjugate gradients, and return the convergence history in a list.
@@ -269,7 +269,7 @@ class DiffusionTask:
             pace=pace,
             measure=measure,
             energy=measure.energy,
-            tell=tell,
+            notify=notify,
         )
         return [history]
 

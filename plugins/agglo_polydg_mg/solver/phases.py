@@ -124,8 +124,8 @@ def iterate(
     n_remaining = most - max((item.iterations for item in before or () if not item.final), default=0)
     kind: Any = task.cycle
     M = multigrid.cycle(stack, kind)
-    with watch("solve"), phase(progress, "solving") as tell:
-        histories = task.iterate(M, tolerance, n_remaining, before, tell, pace)
+    with watch("solve"), phase(progress, "solving") as notify:
+        histories = task.iterate(M, tolerance, n_remaining, before, notify, pace)
     return (
         histories
         if before is None

@@ -84,7 +84,7 @@ class PolyDGMultigrid:
 
     accepts: ClassVar[tuple[str, ...]] = ("diffusion", "elasticity", "linear")
     needs_levels: ClassVar[bool] = False
-    tells_progress: ClassVar[bool] = True
+    reports_progress: ClassVar[bool] = True
     takes_start: ClassVar[bool] = True
     galerkin: ClassVar[bool] = False  # only nearly: single precision, small entries dropped
 

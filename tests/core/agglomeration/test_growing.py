@@ -190,7 +190,7 @@ class Grows:
     def grow(self, graph, pieces, refiners, fixer):
         return self
 
-    def split(self, quotas, seeds, tell):
+    def split(self, quotas, seeds, notify):
         return self.labels, np.array([[1, 8, 0]])
 
 

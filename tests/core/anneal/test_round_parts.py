@@ -185,10 +185,10 @@ class Final:
     final_parts = True
 
     def __init__(self) -> None:
-        self.asked: list[Target] = []
+        self.bounded: list[Target] = []
 
     def partition(self, graph, target, seed):
-        self.asked.append(target)
+        self.bounded.append(target)
         return (graph.centroids[:, 0] > 0) * 2 + (graph.centroids[:, 1] > 0)
 
 

@@ -220,8 +220,8 @@ def test_a_notebook_is_known_by_its_stderr(monkeypatch: pytest.MonkeyPatch) -> N
 def test_progress_is_one_line_that_ends_with_the_phases(displayed: list[str]) -> None:
     with shown() as listen:
         for name in ("counting", "sorting"):
-            with phase(listen, name) as tell:
-                tell(0.5, "half")
+            with phase(listen, name) as notify:
+                notify(0.5, "half")
     assert displayed[0] == f"{'░' * 20}   0% counting"
     assert f"{'░' * 20}   0% sorting" in displayed
     assert re.fullmatch(r"counting, sorting: \d+\.\d s", displayed[-1])

@@ -96,10 +96,10 @@ class Thirds(Halves):
     """One that cuts at shares, too, and records them."""
 
     def __init__(self) -> None:
-        self.asked: list[list[float]] = []
+        self.bounded: list[list[float]] = []
 
     def bisect_shares(self, level: Graph, seeds: Any, shares: Any) -> Int:
-        self.asked.append(shares.tolist())
+        self.bounded.append(shares.tolist())
         return split_at_median(level, level.centroids[:, 0], level.centroids, shares)
 
 
