@@ -20,7 +20,7 @@ from agglo_core.problems.diffusion import Diffusion
 from agglo_core.problems.discretisation import Discretisation, Field, Quadrature
 from agglo_core.problems.elasticity import Elasticity, VectorField
 from agglo_core.problems.solution import Solution
-from agglo_core.problems.solving import hierarchy_of, solver_member
+from agglo_core.problems.solving import hierarchy_of, initial_unknowns, solver_member
 from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member, attributed
 from agglo_core.registry.containment import shown
@@ -128,9 +128,9 @@ def evolve(
     # 2. Set up
     count = max(1, math.ceil(t_end / step - _ROUNDING))
     steps = _Steps(member, hierarchy, how, mesh, problem, reaction)
-    start = steps.unknowns(u0) if isinstance(u0, Solution) else how.project(mesh, u0)
+    start = initial_unknowns(u0, how, mesh, steps.mass.shape[0])
     speed = how.project(mesh, 0.0 if velocity is None else velocity) if scheme == "newmark" else None
-    return _states(steps, np.asarray(start, float), speed, t_end / count, count, scheme)
+    return _states(steps, start, speed, t_end / count, count, scheme)
 
 
 class _Formula(NamedTuple):
@@ -209,21 +209,6 @@ class _Steps:
     def problem(self, t: float) -> Evolving:
         """Return the problem at a time."""
         return _evolving(self._problem, t)
-
-    def unknowns(self, solution: Solution) -> Float:
-        """Return the unknowns of a solution, or raise OptionError if it has another mesh or degree."""
-        other, n = solution.mesh, self.mass.shape[0]
-        is_same = other is self.mesh or (
-            other is not None
-            and np.array_equal(other.points, self.mesh.points)
-            and np.array_equal(other.face_cells, self.mesh.face_cells)
-        )
-        if not is_same or solution.x.shape != (n,):
-            raise OptionError(
-                f"u0 has {len(solution.x)} unknowns on {other}, expected {n} on {self.mesh}; "
-                "Solution.transfer projects a solution onto another cut"
-            )
-        return solution.x
 
     def force(self, t: float, u: Float) -> Float | None:
         """Return the load ``(n,)`` of the explicit reaction, None without one."""

@@ -15,7 +15,7 @@ from agglo_core.problems.diffusion import Diffusion
 from agglo_core.problems.discretisation import Field
 from agglo_core.problems.residuals.sizes import size_ratio, two_norm
 from agglo_core.problems.solution import Solution
-from agglo_core.problems.solving import hierarchy_of, solver_member
+from agglo_core.problems.solving import hierarchy_of, initial_unknowns, solver_member
 from agglo_core.registry import Registry
 from agglo_core.registry.attribution import attributed
 from agglo_core.registry.containment import shown
@@ -93,7 +93,8 @@ def newton(
             f"given {member.title}"
         )
     # 2. Solve linearised problems
-    x, mass = u0.x if isinstance(u0, Solution) else how.project(mesh, u0), how.mass(mesh)
+    mass = how.mass(mesh)
+    x = initial_unknowns(u0, how, mesh, mass.shape[0])
     with attributed(member.title, spare=(AggloError,)):
         steps = member.tool.repeated(hierarchy)
     for step in range(max_steps):

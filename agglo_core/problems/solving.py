@@ -133,6 +133,30 @@ def solver_member(
     return Member(solver, f"solver {type(solver).__name__}")
 
 
+def initial_unknowns(u0: Any, how: Any, mesh: Mesh, n: int) -> Float:
+    """Return the unknowns ``(n,)`` of initial values, projected unless they are a solution on the mesh.
+
+    Raises
+    ------
+    OptionError
+        If the solution has another mesh or degree.
+    """
+    if not isinstance(u0, Solution):
+        return np.asarray(how.project(mesh, u0), float)
+    other = u0.mesh
+    is_same = other is mesh or (
+        other is not None
+        and np.array_equal(other.points, mesh.points)
+        and np.array_equal(other.face_cells, mesh.face_cells)
+    )
+    if not is_same or u0.x.shape != (n,):
+        raise OptionError(
+            f"u0 has {len(u0.x)} unknowns on {other}, expected {n} on {mesh}; Solution.transfer projects a "
+            "solution onto another cut"
+        )
+    return u0.x
+
+
 def run_solver(
     solver: Member,
     problem: Problem,

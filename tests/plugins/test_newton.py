@@ -71,6 +71,12 @@ def test_a_start_at_the_solution_takes_one_step() -> None:
     assert not zero.x.any()
 
 
+def test_a_start_on_another_mesh_is_refused() -> None:
+    found = agglo.newton(samples.squares(8), cubic, degree=2)
+    with pytest.raises(OptionError, match=r"u0 has 384 unknowns on Mesh.*, expected 1800 on Mesh"):
+        agglo.newton(MESH, cubic, found, degree=2)
+
+
 def test_too_few_steps_raise_an_error_with_residual_and_steps() -> None:
     wanted = r"newton did not converge in 2 steps: the last changed u by 1\.\de-01 .* residual was 1\.\de-01"
     with pytest.raises(OptionError, match=wanted):
