@@ -43,11 +43,11 @@ class Moody(AtMostNine):
     """Admit or refuse parts by the number of earlier calls."""
 
     def __init__(self):
-        self.bounded = 0
+        self.requests = 0
 
     def admissible(self, graph, labels):
-        self.bounded += 1
-        return super().admissible(graph, labels) & (self.bounded % 2 == 1)
+        self.requests += 1
+        return super().admissible(graph, labels) & (self.requests % 2 == 1)
 
 
 class Small:

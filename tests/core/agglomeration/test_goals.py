@@ -48,7 +48,7 @@ def test_default_is_eight_cells_per_part_and_eight_parts_per_part(cells, per_par
     assert default_sizes(cells) == per_part
     goals = resolve_goals(cells, lambda: 1.0)
     assert goals == resolve_goals(cells, lambda: 1.0, cells_per_part=per_part)
-    assert [goal.asked["cells_per_part"] for goal in goals] == list(per_part)
+    assert [goal.requested["cells_per_part"] for goal in goals] == list(per_part)
 
 
 MESHES = {
@@ -73,8 +73,8 @@ def test_default_levels_follow_the_formula(family, size, seed):
 def test_factors_are_multiples_of_the_mesh_size():
     goals = resolved(h_factor=(2, 4, 8))
     assert sizes(goals) == pytest.approx([np.sqrt(2) / 4 * f for f in (2, 4, 8)], rel=1e-14)
-    assert [goal.asked["h_factor"] for goal in goals] == [2, 4, 8]
-    assert tuple(goal.asked["h_star"] for goal in goals) == sizes(goals)
+    assert [goal.requested["h_factor"] for goal in goals] == [2, 4, 8]
+    assert tuple(goal.requested["h_star"] for goal in goals) == sizes(goals)
     assert tuple(goal.target.h_star for goal in goals) == sizes(goals)
 
 
@@ -89,7 +89,7 @@ def test_counts_come_finest_first_and_repeats_stay():
     goals = resolved(n_parts=[2, 7, 2])
     assert counts(goals) == (7, 2, 2)
     assert [goal.target for goal in goals] == [agglo.Target(parts=k) for k in (7, 2, 2)]
-    assert [dict(goal.asked) for goal in goals] == [{"n_parts": 7}, {"n_parts": 2}, {"n_parts": 2}]
+    assert [dict(goal.requested) for goal in goals] == [{"n_parts": 7}, {"n_parts": 2}, {"n_parts": 2}]
     assert counts(resolved(n_parts=np.int64(3))) == (3,)
     assert counts(resolved(n_parts=16)) == (16,)
 
@@ -100,7 +100,7 @@ def test_counts_come_finest_first_and_repeats_stay():
 def test_cells_per_part_is_the_nearest_count(per_part, parts):
     (goal,) = resolved(cells_per_part=per_part)
     assert counts([goal]) == (parts,)
-    assert goal.asked == {"n_parts": parts, "cells_per_part": per_part}
+    assert goal.requested == {"n_parts": parts, "cells_per_part": per_part}
 
 
 @pytest.mark.parametrize(

@@ -175,7 +175,7 @@ def test_single_cells_larger_than_the_target_stay_alone_and_are_counted(caplog):
     cells = [[0, 1, 6, 2, 3], [1, 4, 5, 6], [4, 7, 8, 5]]
     mesh = Mesh.from_polygons(points, cells)
     for method in ("recursive", "kway"):
-        result = agglo.agglomerate(mesh, h_star=[1.2, 2.0], method=method)
+        result = agglo.agglomerate(mesh, h_star=[1.2, 2.0], method=method, merge=True)
         assert [labels.tolist() for labels in result.levels] == [[0, 1, 1], [0, 1, 1]]
         assert result.statistics["oversized_cells"] == 1
     assert "1 cell" in caplog.text

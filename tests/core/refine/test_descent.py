@@ -41,8 +41,8 @@ class Touchy(Weights):
     better = "low"
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        self.bounded = getattr(self, "asked", 0) + 1
-        return np.where(self.bounded % 2 == 1, -1.0, -2.0) * np.ones(len(cells))
+        self.requests = getattr(self, "requests", 0) + 1
+        return np.where(self.requests % 2 == 1, -1.0, -2.0) * np.ones(len(cells))
 
 
 def refined(graph: Graph, labels: Int, objective: str | IncrementalMetric, sweeps: int = 60) -> Int:

@@ -96,10 +96,10 @@ class Thirds(Halves):
     """One that cuts at shares, too, and records them."""
 
     def __init__(self) -> None:
-        self.bounded: list[list[float]] = []
+        self.requests: list[list[float]] = []
 
     def bisect_shares(self, level: Graph, seeds: Any, shares: Any) -> Int:
-        self.bounded.append(shares.tolist())
+        self.requests.append(shares.tolist())
         return split_at_median(level, level.centroids[:, 0], level.centroids, shares)
 
 
@@ -113,11 +113,11 @@ def test_a_bisector_is_given_the_shares_of_odd_quotas_alone() -> None:
     one = Thirds()
     hierarchy = agglo.agglomerate(VORONOI, bisector=one, n_parts=7, refiners=(), polish=False)
     assert largest(hierarchy.levels[0]) < 1.15
-    assert one.asked == [[pytest.approx(3 / 7)], [pytest.approx(1 / 3)]]
+    assert one.requests == [[pytest.approx(3 / 7)], [pytest.approx(1 / 3)]]
     for parts in (2, 8, 64):
         again = Thirds()
         agglo.agglomerate(VORONOI, bisector=again, n_parts=parts)
-        assert again.asked == []
+        assert again.requests == []
 
 
 @pytest.mark.parametrize(
