@@ -1,6 +1,6 @@
-"""Adapted cuts against uniform levels: errors at equal unknowns, effectivity indices, met tolerances, time.
+"""Adapted cuts: errors at equal unknowns, effectivity indices, met tolerances, other indicators, time.
 
-python adaptivity.py [equal] [indices] [orders] [tolerances] [time] [--cells 12000] [--seed 0]
+python adaptivity.py [equal] [indices] [orders] [tolerances] [headroom] [time] [--cells 12000] [--seed 0]
 [--discretisation vem]
 
 The discretisation of ``equal`` is polydg or vem.
@@ -13,20 +13,21 @@ import time
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
 
 import agglo_core as agglo
 from agglo_core import Diffusion, Hierarchy, Mesh, samples
+from agglo_core.fields.rules import inside
+from agglo_core.fields.values import central_differences
 
 Array = Any
 
 
-def layer() -> Diffusion:
-    """Arctan layer of width 1/60 on a circle."""
-    a, r0, centre = 60.0, 0.7, -0.05
+def layer(a: float = 60.0, r0: float = 0.7, centre: float = -0.05) -> Diffusion:
+    """Arctan layer of width 1/a on a circle with radius r0."""
 
     def u(x: Array) -> Array:
         return np.arctan(a * (np.linalg.norm(x - centre, axis=1) - r0))
@@ -56,6 +57,23 @@ def smooth() -> Diffusion:
         return np.sin(3.0 * x[:, 0]) * np.exp(x[:, 1])
 
     return Diffusion(source=lambda x: 8.0 * u(x), dirichlet={0: u}, exact=u)
+
+
+def wave_and_peak(random: np.random.Generator) -> Diffusion:
+    """Random sine wave with a random Gaussian peak, and a random constant κ."""
+    wave, shift, kappa = random.uniform(2, 9, 2), random.uniform(0, 6), 10.0 ** random.uniform(-3, 3)
+    peak, width = random.uniform(0, 1, 2), 10.0 ** random.uniform(1, 2.5)
+
+    def u(x: Array) -> Array:
+        return np.sin(x @ wave + shift) + np.exp(-width * ((x - peak) ** 2).sum(axis=1))
+
+    def f(x: Array) -> Array:
+        r = ((x - peak) ** 2).sum(axis=1)
+        return kappa * (
+            wave @ wave * np.sin(x @ wave + shift) - (4 * width**2 * r - 4 * width) * np.exp(-width * r)
+        )
+
+    return Diffusion(kappa, f, {0: u}, exact=u)
 
 
 def on_squares(mesh: Mesh) -> Diffusion:
@@ -189,30 +207,9 @@ def tolerances(cells: int, seed: int) -> None:
     """Print how the true error compares with the tolerance 0.2 on 50 random problems."""
     random, ratios, reasons = np.random.default_rng(seed), [], []
     for k in range(50):
-        wave, shift, kappa = random.uniform(2, 9, 2), random.uniform(0, 6), 10.0 ** random.uniform(-3, 3)
-        peak, width = random.uniform(0, 1, 2), 10.0 ** random.uniform(1, 2.5)
-
-        def u(
-            x: Array, wave: Array = wave, shift: float = shift, peak: Array = peak, width: float = width
-        ) -> Array:
-            return np.sin(x @ wave + shift) + np.exp(-width * ((x - peak) ** 2).sum(axis=1))
-
-        def f(
-            x: Array,
-            wave: Array = wave,
-            shift: float = shift,
-            peak: Array = peak,
-            width: float = width,
-            kappa: float = kappa,
-        ) -> Array:
-            r = ((x - peak) ** 2).sum(axis=1)
-            return kappa * (
-                wave @ wave * np.sin(x @ wave + shift) - (4 * width**2 * r - 4 * width) * np.exp(-width * r)
-            )
-
+        problem = wave_and_peak(random)
         made = samples.random_triangles if k % 2 else samples.voronoi
         mesh = made(cells // (2 if k % 2 else 1), seed=seed + k)
-        problem = Diffusion(kappa, f, {0: u}, exact=u)
         found = agglo.adapt(mesh, problem, tolerance=0.2, degree=1 + k % 3)
         last = found.steps[-1]
         reasons.append(found.reason)
@@ -222,6 +219,51 @@ def tolerances(cells: int, seed: int) -> None:
         f"ends of 50 problems with the tolerance 0.2: {dict(Counter(reasons))}; "
         f"true error over tolerance: {min(ratios):.2f} to {max(ratios):.2f}, mean {np.mean(ratios):.2f}"
     )
+
+
+class TrueErrors:
+    """Estimator that returns the true error in the DG norm, for a constant κ and known exact solutions."""
+
+    def __init__(self) -> None:
+        self.residual = agglo.registry.default().build("estimator", "residual")
+
+    def indicate(self, solution: Any) -> Array:
+        """Return the error of each cell; the term ``jump`` of ``residual`` is that part of the norm."""
+        basis, mesh, problem = solution.discretisation.basis(solution.mesh), solution.mesh, solution.problem
+        squares = self.residual.terms(solution)["jump"] ** 2
+        for batch in inside(basis.mesh, 2 * basis.degree + 4):
+            cells, points = batch.cells, batch.points + basis.mesh.origin
+            steps = np.tile(1e-4 * mesh.cell_diameters[cells, None], mesh.dim)
+            gaps = central_differences(problem.exact, points, steps)
+            gaps -= basis.gradient(solution.x, cells, points)
+            squares += problem.kappa * np.bincount(cells, batch.weights * (gaps**2).sum(axis=1), mesh.n_cells)
+        return np.sqrt(squares)
+
+
+def headroom(cells: int, seed: int) -> None:
+    """Print unknowns at equal error of gradient_jump and of the true errors over those of residual."""
+    random, tools = np.random.default_rng(seed), ("residual", "gradient_jump", TrueErrors())
+    meshes: Any = {
+        "layer, triangles": lambda k: samples.random_triangles(cells // 2, seed=k),
+        "wave and peak, Voronoi": lambda k: samples.voronoi(cells, seed=k),
+        "corner, L-shape": lambda k: l_shape(cells, k),
+        "layer, tetrahedra": lambda k: samples.random_tetrahedra(cells // 6, seed=k),
+    }
+    for name, degree in product(meshes, (1, 2)):
+        ratios, options = [], {"degree": degree, "max_unknowns": cells // 5 * degree, "marking": 0.5}
+        for k in range(6):
+            sharp = layer(10.0 ** random.uniform(1.0, 2.0), random.uniform(0.4, 0.9))
+            problem = {"w": wave_and_peak(random), "c": corner()}.get(name[0], sharp)
+            mesh: Any = meshes[name](seed + k)
+            found = [agglo.adapt(mesh, problem, estimator=tool, **options) for tool in tools]
+            curves = [np.log([(step.unknowns, step.errors["dg"]) for step in each.steps]).T for each in found]
+            least, most = max(e.min() for _, e in curves), min(e[0] for _, e in curves)
+            levels = np.linspace(least, (least + most) / 2.0, 8)
+            needs = [np.interp(-levels, -np.minimum.accumulate(e), n) for n, e in curves]
+            ratios.append([np.exp((need - needs[0]).mean()) for need in needs[1:]])
+        means, deviations = np.mean(ratios, axis=0), np.std(ratios, axis=0, ddof=1) / np.sqrt(len(ratios))
+        shown = " | ".join(f"{m:.3f} ± {d:.3f}" for m, d in zip(means, deviations, strict=True))
+        print(f"| {name} | {degree} | {shown} |", flush=True)
 
 
 def measure_time(cells: int, seed: int) -> None:
@@ -246,6 +288,7 @@ def main() -> None:
         "indices": indices,
         "orders": orders,
         "tolerances": tolerances,
+        "headroom": headroom,
         "time": measure_time,
     }
     parser = argparse.ArgumentParser(
