@@ -252,9 +252,12 @@ def headroom(cells: int, seed: int) -> None:
     for name, degree in product(meshes, (1, 2)):
         ratios, options = [], {"degree": degree, "max_unknowns": cells // 5 * degree, "marking": 0.5}
         for k in range(6):
-            sharp = layer(10.0 ** random.uniform(1.0, 2.0), random.uniform(0.4, 0.9))
-            problem = {"w": wave_and_peak(random), "c": corner()}.get(name[0], sharp)
-            mesh: Any = meshes[name](seed + k)
+            problems = {
+                "layer": layer(10.0 ** random.uniform(1.0, 2.0), random.uniform(0.4, 0.9)),
+                "wave and peak": wave_and_peak(random),
+                "corner": corner(),
+            }
+            mesh, problem = meshes[name](seed + k), problems[name.partition(",")[0]]
             found = [agglo.adapt(mesh, problem, estimator=tool, **options) for tool in tools]
             curves = [np.log([(step.unknowns, step.errors["dg"]) for step in each.steps]).T for each in found]
             least, most = max(e.min() for _, e in curves), min(e[0] for _, e in curves)
