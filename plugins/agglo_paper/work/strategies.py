@@ -20,6 +20,7 @@ from agglo_core.protocols import Partitioner
 
 _PLAIN = {"vertex_weights": False, "edge_weights": False, "ufactor": 30, "contig": False}
 _BEST = {"vertex_weights": True, "edge_weights": True, "ufactor": 300, "contig": True}
+_RECURSIVE = ("gnn_paper",)  # bisectors that the paper applies recursively alone
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ def _list_strategies(
     except AggloError as error:
         return [Strategy(head, name, options, package=_package(record), problem=str(error))]
     bisects = [strategy] if hasattr(tool, "bisect") or hasattr(tool, "bisect_level") else []
-    if isinstance(tool, Partitioner):
+    if isinstance(tool, Partitioner) and name not in _RECURSIVE:
         bisects.append(Strategy(f"{head} k-way", name, options, method="kway", package=_package(record)))
     return bisects
 

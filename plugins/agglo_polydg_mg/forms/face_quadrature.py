@@ -129,7 +129,7 @@ def face_coefficients(mesh: Mesh, kappa: Field | Tensor, faces: Int, n: int) -> 
     rule = face_rule(mesh, faces, n)
     sides = _cells_of_faces(mesh, rule.faces)
     values = sample(kappa, _shifted(mesh, rule, sides).reshape(-1, mesh.dim), "kappa")
-    return frozen_float(values.reshape(len(sides), 2, -1))
+    return frozen_float(values.reshape(len(sides), 2, rule.points.shape[1]))
 
 
 def on_pieces(coefficients: Float, faces: Int, rule: FaceRule) -> Float:
