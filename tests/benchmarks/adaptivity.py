@@ -195,7 +195,7 @@ def orders(cells: int, seed: int) -> None:
         sizes = np.array([step.unknowns for step in found.steps], float)
         errors = np.array([step.errors["dg"] for step in found.steps])
         half = sizes > 100.0 * degree
-        fits = (sizes[half], errors[half]), uniform(found.hierarchy, corner(), degree)
+        fits = (sizes[half], errors[half]), uniform(found.hierarchy, corner(), degree=degree)
         adapted, even = (-np.polyfit(np.log(n), np.log(e), 1)[0] for n, e in fits)
         print(
             f"p = {degree}, {mesh.n_cells} cells: order {adapted:.2f} over {sizes[half][0]:.0f} to "
