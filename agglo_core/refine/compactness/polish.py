@@ -13,7 +13,7 @@ from agglo_core.graph import Graph
 from agglo_core.refine.compactness.strips import slices, strip_order
 from agglo_core.threads import mapped, over_ranges, thread_count
 
-_ROUNDS = {2: (0.5, 0.0, 2.5), 3: (2.0, 0.5, 3.0)}
+_ROUNDS = {2: (0.5, 0.0, 2.5), 3: (2.0, 0.5, 0.5, 3.0)}
 """Exponents of the interface in the rounds, relative to that of the objective.
 
 Each round visits all boundary cells again. A round with a small exponent makes parts compact, one with a
