@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 class QualityMetric(Protocol):
     """Component that assigns one number to each agglomerate.
 
-    ``homogeneity`` is the power p of a length with which values scale in 2-D: 0 for ratios, 1 for lengths. In
-    3-D ratios are also ratios; for p ≠ 0, lengths may become areas: an integer power from p to 2 p.
+    ``homogeneity`` is the power p of a length with which values scale in 2-D: 0 for ratios, 1 for lengths,
+    perhaps a fraction. In 3-D ratios are also ratios. For p ≠ 0 lengths may become areas: a power from p to
+    2 p.
 
     The following attributes are optional and false by default. ``undefined``: some agglomerates have no value
     (NaN); reports count them, and means exclude them. ``directional``: values depend on the directions of the
@@ -41,7 +42,7 @@ class QualityMetric(Protocol):
 
     better: Literal["high", "low"]
     bounds: tuple[float, float]
-    homogeneity: int
+    homogeneity: float
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
         """Return the value per agglomerate, shape ``(k,)`` for labels ``0..k-1``."""

@@ -22,7 +22,7 @@ from agglo_core.problems.linear import general_system, require_cells, symmetric_
 from agglo_core.problems.residuals.row_scales import lifted, row_measure
 from agglo_core.registry import Registry, default
 from agglo_core.registry.construct import resolve
-from agglo_core.registry.options import is_named, name_and_options
+from agglo_core.registry.options import is_named, name_and_options, options_of
 from agglo_core.solvers.condensation import Condensation
 from agglo_core.solvers.residual_measure import ResidualMeasure
 from agglo_core.solvers.scaling import factor_for, matrix_factor, unscaled, unscaled_matrix
@@ -190,6 +190,7 @@ def chosen_discretisation(
     registry : Registry, optional
         Registry of names. Default: the program's.
     degree : int
+        Degree of the polynomials, for discretisations with this option.
     own, defaults : mapping
         Options of the solver for ``polydg`` alone, and their defaults.
 
@@ -209,7 +210,12 @@ def chosen_discretisation(
     if not name:
         return choice
     known = default() if registry is None else registry
-    return known.build("discretisation", name, **{"degree": degree, **options})
+    record = known.record("discretisation", name)
+    accepted = options_of(resolve(record))
+    has_degree = accepted is None or any(option.name == "degree" for option in accepted)
+    if has_degree or degree != 1:  # a degree that is not accepted must be refused
+        options = {"degree": degree, **options}
+    return known.assemble(record, options)
 
 
 def has_convection(problem: Problem | None) -> bool:
