@@ -16,7 +16,7 @@ from agglo_core.cli.options.numbers import Number
 from agglo_core.cli.options.shared import COMPONENT
 from agglo_core.cli.options.specs import as_typed, load_mesh
 from agglo_core.cli.output.console import explain_compilation, print_json
-from agglo_core.cli.output.files import Outputs, check_picture, refuse_input
+from agglo_core.cli.output.files import Outputs
 from agglo_core.cli.output.stdout import OwnCommand, terminal_columns
 from agglo_core.cli.output.tables import print_lines
 from agglo_core.cli.ranks.launch import find_launch, refuse_files, refuse_on_ranks
@@ -25,14 +25,14 @@ from agglo_core.cli.runs import show_progress
 from agglo_core.cli.solving.adaptation import AdaptRequest, refuse_goals, refuse_without_adaptation
 from agglo_core.cli.solving.choice import DEFAULT_SOLVER, Posed, build_solver, pose_problem, solver_title
 from agglo_core.cli.solving.outputs import (
-    check_more,
+    SolutionFiles,
     draw_history,
     levelless_run,
     levels_run,
     report_solution,
     with_hierarchy,
 )
-from agglo_core.errors import AggloError, OptionError
+from agglo_core.errors import AggloError
 from agglo_core.progress import Listener, phase
 from agglo_core.registry.attribution import Member, attributed
 
@@ -139,54 +139,23 @@ def solve(
         "smoothing_steps": smoothing_steps,
         "tolerance": tolerance,
     }
-    tool = build_solver(solver, _drop_unset_options(options))
-    files = {
-        "--fluxes": fluxes,
-        "--plot": plot,
-        "--plot-convergence": history,
-        "--report": report,
-        "--write-system": system_file,
-    }
+    tool = build_solver(solver, {name: value for name, value in options.items() if value is not None})
+    files = SolutionFiles(output, fluxes, plot, history, report, system_file)
     if adapt:
-        refuse_without_adaptation({**files, "--levels": levels, "--no-cg": not cg or None})
+        refuse_without_adaptation({**files.by_option, "--levels": levels, "--no-cg": not cg or None})
         request = AdaptRequest(
             source, problem, tool, solver, agglomeration, accuracy, max_unknowns, estimator
         )
-        return request.run(output, plot, report, as_json=as_json)
-    _refuse_one_process(tool, solver, files if solves_across(tool) else {"-o": output} | files)
+        return request.run(files, as_json=as_json)
+    _refuse_one_process(tool, solver, files)
     if solves_across(tool):
         return solve_on_ranks(source, solver, tool, problem, agglomeration, output, as_json=as_json)
-    _check_files(output, fluxes, plot, system_file, tool, solver)
-    refuse_input(source, output, fluxes, system_file)
-    check_more(history, report)
+    files.check(source, solver, getattr(tool, "discretisation", None))
     explain_compilation()
-    # Read, agglomerate, solve, write the solution.
-    outputs = Outputs()
     with show_progress() as progress:
-        sampled_for = "-o, --fluxes and --plot are" if output or fluxes or plot else ""
+        sampled_for = "-o, --fluxes and --plot are" if files.shows_solution else ""
         task = _task(source, problem, tool, solver, agglomeration, sampled_for, progress)
-        if system_file is not None:
-            _hand_over(outputs, system_file, task, progress)
-        solution = task.solution(progress)
-        sampled = _sampler(task, solution)
-        if output is not None:
-            _write(outputs, output, task.mesh, sampled, progress)
-        data = task.report(solution, cg, progress)
-        if fluxes is not None:
-            data["boundary_fluxes"] = _write_fluxes(outputs, fluxes, task, solution, progress)
-    if as_json and cg and _is_plain_cg(tool) and solution.converged:
-        # Print the report, then make the pictures.
-        data["cg_iterations"] = solution.iterations
-    _show(task, data, as_json=as_json)
-    with show_progress() as progress:
-        if plot is not None:
-            _draw(outputs, plot, sampled, progress)
-        if history is not None:
-            draw_history(outputs, history, f"{task.name}, {problem}", {solver: solution}, progress)
-        if report is not None:
-            note = f"problem {problem}"
-            report_solution(outputs, report, task.mesh, task.made, note, {solver: data}, progress)
-    return outputs.finish(listed=not as_json) or (0 if solution.converged else NOT_CONVERGED)
+    return _solve_and_report(task, files, cg=cg, as_json=as_json)
 
 
 @dataclass(frozen=True)
@@ -197,12 +166,13 @@ class _Task:
     ----------
     name : str
         Name of the mesh, or its source.
-    solver : str
-        Solver as typed.
+    problem, solver : str
+        Problem and solver as typed.
     """
 
     name: str
     mesh: Mesh
+    problem: str
     posed: Posed
     made: RunResult
     tool: Any
@@ -260,7 +230,36 @@ def _task(
     needs_levels = getattr(tool, "needs_levels", True) and not _is_plain_cg(tool)
     levels = needs_levels or bool(agglomeration)
     result = levels_run(mesh, agglomeration, progress) if levels else levelless_run(mesh)
-    return _Task(mesh.name or source, mesh, posed, result, tool, solver)
+    return _Task(mesh.name or source, mesh, problem, posed, result, tool, solver)
+
+
+def _solve_and_report(task: _Task, files: SolutionFiles, *, cg: bool, as_json: bool) -> int:
+    """Solve, write the files, print the report, and return the exit code."""
+    outputs = Outputs()
+    with show_progress() as progress:
+        if files.system is not None:
+            _hand_over(outputs, files.system, task, progress)
+        solution = task.solution(progress)
+        sampled = _sampler(task, solution)
+        if files.solution is not None:
+            _write(outputs, files.solution, task.mesh, sampled, progress)
+        data = task.report(solution, cg, progress)
+        if files.fluxes is not None:
+            data["boundary_fluxes"] = _write_fluxes(outputs, files.fluxes, task, solution, progress)
+    if as_json and cg and _is_plain_cg(task.tool) and solution.converged:
+        data["cg_iterations"] = solution.iterations
+    _show(task, data, as_json=as_json)
+    # Pictures come after the report: the user reads it while they are made.
+    with show_progress() as progress:
+        if files.plot is not None:
+            _draw(outputs, files.plot, sampled, progress)
+        if files.history is not None:
+            title = f"{task.name}, {task.problem}"
+            draw_history(outputs, files.history, title, {task.solver: solution}, progress)
+        if files.report is not None:
+            note, solves = f"problem {task.problem}", {task.solver: data}
+            report_solution(outputs, files.report, task.mesh, task.made, note, solves, progress)
+    return outputs.finish(listed=not as_json) or (0 if solution.converged else NOT_CONVERGED)
 
 
 def _is_plain_cg(tool: object) -> bool:
@@ -279,7 +278,7 @@ def _show(task: _Task, data: dict[str, Any], *, as_json: bool) -> None:
     print_lines(solution_report.text(f"{task.name}, {task.solver}", data, columns))
 
 
-def _refuse_one_process(tool: object, solver: str, files: Mapping[str, Path | None]) -> None:
+def _refuse_one_process(tool: object, solver: str, files: SolutionFiles) -> None:
     """Raise OptionError on several MPI ranks if the solver or a requested file needs a single process."""
     if find_launch() is None:
         return
@@ -287,43 +286,10 @@ def _refuse_one_process(tool: object, solver: str, files: Mapping[str, Path | No
         refuse_on_ranks(
             f"the solver {solver}", "use --solver petsc_mg, which distributes the mesh over processes"
         )
-    refuse_files(files, "solve in one process to get them")
-
-
-def _drop_unset_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in options.items() if value is not None}
-
-
-def _check_files(
-    output: Path | None,
-    fluxes: Path | None,
-    plot: Path | None,
-    system_file: Path | None,
-    tool: object,
-    solver: str,
-) -> None:
-    """Check before the computation that all requested files can be written."""
-    how = getattr(tool, "discretisation", None)
-    if (output or fluxes or plot) and how is None:
-        raise OptionError(
-            f"{solver} has no discretisation to interpret its unknowns: -o, --fluxes and --plot are not "
-            "available"
-        )
-    if fluxes is not None and not hasattr(how, "fluxes"):
-        raise OptionError(f"the discretisation of {solver} has no fluxes: --fluxes is not available")
-    for path, content in ((output, "solutions"), (fluxes, "fluxes")):
-        if path is not None:
-            from agglo_core.io import check_writable
-
-            if path.suffix.lower() != ".vtu":
-                raise OptionError(f"{path}: {content} are written as .vtu")
-            check_writable(path)
-    if plot is not None:
-        check_picture(plot)
-    if system_file is not None:
-        from agglo_core.io.system_files import check_system_file
-
-        check_system_file(system_file)
+    single = files.by_option
+    if solves_across(tool):
+        del single["-o"]
+    refuse_files(single, "solve in one process to get them")
 
 
 def _sampler(task: _Task, solution: Solution) -> Callable[[], Samples]:

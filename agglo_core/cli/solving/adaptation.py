@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from agglo_core.cli.options.specs import as_typed, load_mesh
 from agglo_core.cli.output.console import explain_compilation, number, print_json
-from agglo_core.cli.output.files import Outputs, check_picture, refuse_input
+from agglo_core.cli.output.files import Outputs
 from agglo_core.cli.output.tables import print_lines, print_table
 from agglo_core.cli.ranks.launch import find_launch, refuse_on_ranks
 from agglo_core.cli.ranks.solve import NOT_CONVERGED
 from agglo_core.cli.runs import show_progress
 from agglo_core.cli.solving.choice import pose_problem
-from agglo_core.cli.solving.outputs import check_more, levels_run
+from agglo_core.cli.solving.outputs import SolutionFiles, levels_run
 from agglo_core.errors import OptionError
 from agglo_core.progress import Listener, phase
 
@@ -62,36 +62,27 @@ class AdaptRequest:
     max_unknowns: int | None
     estimator: str | None
 
-    def run(self, output: Path | None, plot: Path | None, report: Path | None, *, as_json: bool) -> int:
+    def run(self, files: SolutionFiles, *, as_json: bool) -> int:
         """Adapt, write the solution, print the report, and return the exit code."""
         if find_launch() is not None:
             refuse_on_ranks("--adapt", "run it in one process")
-        if output is not None:
-            from agglo_core.io import check_writable
-
-            if output.suffix.lower() != ".vtu":
-                raise OptionError(f"{output}: solutions are written as .vtu")
-            check_writable(output)
-        if plot is not None:
-            check_picture(plot)
-        check_more(None, report)
-        refuse_input(self.source, output)
+        files.check(self.source, self.solver, getattr(self.tool, "discretisation", None))
         explain_compilation()
         with show_progress() as progress:
             on, problem = self._posed(progress)
             adaptation = self._adapted(on, problem, self.tolerance, self.max_unknowns, progress)
         mesh, shown = _samplable(adaptation)
         outputs, samples = Outputs(), cache(shown.samples)
-        if output is not None:
+        if (output := files.solution) is not None:
             from agglo_core.io.vtk.solution import write_solution
 
             outputs.result(output, lambda: write_solution(output, mesh, samples()))
         self._show(adaptation, as_json=as_json)
-        if plot is not None:
+        if (plot := files.plot) is not None:
             from agglo_core.draw.solution import draw_solution
 
             outputs.picture(plot, lambda: draw_solution(plot, samples()))
-        if report is not None:
+        if (report := files.report) is not None:
             outputs.picture(report, lambda: self._report(report, adaptation, problem))
         code = outputs.finish(listed=not as_json)
         wanted = "max_unknowns" if self.tolerance is None else "tolerance"
@@ -212,7 +203,9 @@ def refuse_goals(goals: Mapping[str, Any], *, adapt: bool) -> None:
 def refuse_without_adaptation(options: Mapping[str, Any]) -> None:
     """Raise OptionError for the first given option that ``--adapt`` does not support."""
     given = [
-        name for name, value in options.items() if value is not None and name not in ("--plot", "--report")
+        name
+        for name, value in options.items()
+        if value is not None and name not in ("-o", "--plot", "--report")
     ]
     if given:
         raise OptionError(f"{given[0]} is not available with --adapt")

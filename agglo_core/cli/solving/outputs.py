@@ -1,14 +1,15 @@
-"""Output of ``agglo solve``: convergence picture and report."""
+"""Output of ``agglo solve``: files, convergence picture and report."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agglo_core.cli.output.files import Outputs, check_picture, check_report
+from agglo_core.cli.output.files import Outputs, check_picture, check_report, refuse_input
+from agglo_core.errors import OptionError
 from agglo_core.progress import Listener, phase
 
 if TYPE_CHECKING:
@@ -19,12 +20,81 @@ if TYPE_CHECKING:
 _HIERARCHY = "hierarchy"
 
 
-def check_more(history: Path | None, report: Path | None) -> None:
-    """Raise FileError if picture or report can foreseeably not be written."""
-    if history is not None:
-        check_picture(history, "--plot-convergence")
-    if report is not None:
-        check_report(report)
+@dataclass(frozen=True)
+class SolutionFiles:
+    """Files that ``agglo solve`` writes, each optional.
+
+    Attributes
+    ----------
+    solution, fluxes : Path
+        Samples of the solution in the cells, and fluxes through the faces (.vtu).
+    plot, history : Path
+        Pictures of the solution, and of the convergence.
+    report : Path
+        Web page.
+    system : Path
+        Linear system and levels.
+    """
+
+    solution: Path | None = None
+    fluxes: Path | None = None
+    plot: Path | None = None
+    history: Path | None = None
+    report: Path | None = None
+    system: Path | None = None
+
+    @property
+    def by_option(self) -> dict[str, Path | None]:
+        """Files by the option of the command."""
+        return {
+            "-o": self.solution,
+            "--fluxes": self.fluxes,
+            "--plot": self.plot,
+            "--plot-convergence": self.history,
+            "--report": self.report,
+            "--write-system": self.system,
+        }
+
+    @property
+    def shows_solution(self) -> bool:
+        """True if a file needs the meaning of the unknowns."""
+        return any((self.solution, self.fluxes, self.plot))
+
+    def check(self, source: str, solver: str, discretisation: object) -> None:
+        """Check before the computation that all files can be written.
+
+        Raises
+        ------
+        FileError
+            If a file can foreseeably not be written, or is the input file ``source``.
+        OptionError
+            For a wrong suffix, or a discretisation that cannot supply the content.
+        """
+        if self.shows_solution and discretisation is None:
+            raise OptionError(
+                f"{solver} has no discretisation to interpret its unknowns: -o, --fluxes and --plot are not "
+                "available"
+            )
+        if self.fluxes is not None and not hasattr(discretisation, "fluxes"):
+            raise OptionError(f"the discretisation of {solver} has no fluxes: --fluxes is not available")
+        for path, content in ((self.solution, "solutions"), (self.fluxes, "fluxes")):
+            if path is not None:
+                from agglo_core.io import check_writable
+
+                if path.suffix.lower() != ".vtu":
+                    raise OptionError(f"{path}: {content} are written as .vtu")
+                check_writable(path)
+        if self.plot is not None:
+            check_picture(self.plot)
+        if self.system is not None:
+            from agglo_core.io.system_files import check_system_file
+
+            check_system_file(self.system)
+        refuse_input(source, self.solution, self.fluxes, self.system)
+        if self.history is not None:
+            check_picture(self.history, "--plot-convergence")
+        if self.report is not None:
+            check_report(self.report)
 
 
 def levelless_run(mesh: Mesh) -> RunResult:
