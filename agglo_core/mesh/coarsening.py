@@ -33,7 +33,7 @@ def coarse_faces(labels: Int, face_offsets: Int, face_vertices: Int, face_cells:
     labels_and_outside = narrow(np.append(labels, -1))  # half the memory: fewer cache misses
 
     def find_outer_faces(start: int, stop: int) -> tuple[Int, Int]:
-        sides = labels_and_outside.take(face_cells[start:stop])
+        sides = labels_and_outside[face_cells[start:stop]]
         outer = np.flatnonzero(sides[:, 0] != sides[:, 1])
         return outer + start, sides[outer]
 

@@ -203,11 +203,7 @@ class Derived:
         """
         if self.dim != 2:
             raise MeshError("boundary_loops exists only for 2-D meshes")
-        # Not kept for this purpose alone: sorting the faces again is cheaper than their memory.
-        faces: tuple[Int, Int] = self.__dict__.get("cell_faces") or faces_of_cells(
-            self.face_cells, self.n_cells
-        )
-        return loops_of_cells(self.local_points, *faces, self.face_pairs, self.face_cells)
+        return loops_of_cells(self.local_points, self.face_pairs, self.face_cells, self.n_cells)
 
     def check_labels(self, labels: ArrayLike) -> Int:
         """Return part labels as ``(n_cells,)`` int64, or raise MeshError unless they cover 0..k−1."""

@@ -101,17 +101,16 @@ class PieceGrowth:
         self._source = graph
         self._kernel, self._floor, self._tiny = kernel, floor, tiny
         self._stamp = 1
-        self.restart(pieces)
+        self._list_cells(pieces)
 
-    def restart(self, pieces: Int) -> None:
-        """Set the connected pieces ``(n,)`` from which the next call starts."""
+    def _list_cells(self, pieces: Int) -> None:
+        """List the cells of the connected pieces ``(n,)``, piece by piece."""
         from agglo_core.compiled.graphs import list_blocks
 
         cells, tag, count = self._pieces.cells, self._pieces.tag, int(pieces.max(initial=0)) + 1
         if count == 1:
             cells[:] = np.arange(len(pieces), dtype=np.int32)
             offsets = frozen_int([0, len(pieces)])
-            tag.fill(0)
         else:
             cells[:], offsets = list_blocks(frozen_int(pieces), frozen_int(np.arange(count)), count)
             tag[:] = (2 * offsets[:-1]).astype(np.int32)[pieces]

@@ -45,17 +45,6 @@ class GrowthToSize(Growth, Protocol):
 
 
 @runtime_checkable
-class RestartedGrowth(Growth, Protocol):
-    """Optional interface of a growth object: restart from other initial pieces.
-
-    A restart is cheaper than a new growth object.
-    """
-
-    def restart(self, pieces: Int) -> None:
-        """Set the connected ``pieces (n,)`` from which the next call starts."""
-
-
-@runtime_checkable
 class CurveStart(Protocol):
     """Optional interface of a bisector: allow levels to start from runs of a space-filling curve."""
 
@@ -93,20 +82,18 @@ def grow_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -
         # 2. Cut the curve into runs where this is as good.
         if on_curve and suits_curve(goal, graph, labels):
             parts, tested = cut_curve(graph, labels, goal, level_run), True
-        # 3. Otherwise split the pieces. Post-passes change the pieces, so growth restarts.
+        # 3. Otherwise split the pieces.
         else:
             if growth is None:
                 growth = _request_growth(graph, labels, level_run)
-            elif post.active:
-                growth = _restart_growth(graph, labels, growth, level_run)
             if growth is None or not all(_serves(growth, each) for each in goals):
                 if stage == 0:
                     return None
                 raise PluginError(f"{run.bisector.title} grew one level of the run, but declined the next")
             parts = _split(graph, labels, goal, growth, level_run, stage, tested=not post.polish)
             tested = not post.polish
-        if stage == len(goals) - 1:
-            growth = None  # free its arrays before the post-passes
+        if post.active:
+            growth = None  # free its arrays before the post-passes, which change the pieces
         labels = post.apply(graph, labels, parts, goal, level_run, stage, tested=tested)
         result.append(labels)
     return result[::-1]
@@ -123,16 +110,6 @@ def _request_growth(graph: Graph, pieces: Int, run: Run) -> Growth | None:
     with attributed(run.bisector.title):
         made: Growth | None = tool.grow(graph, pieces, refiners, run.fixer.tool)
     return made
-
-
-def _restart_growth(graph: Graph, pieces: Int, growth: Growth, run: Run) -> Growth | None:
-    """Return a growth object that starts from the given pieces."""
-    restart = getattr(growth, "restart", None)
-    if restart is None:
-        return _request_growth(graph, pieces, run)
-    with attributed(run.bisector.title):
-        restart(pieces)
-    return growth
 
 
 def _serves(growth: Growth, goal: Goal) -> bool:

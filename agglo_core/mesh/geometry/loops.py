@@ -34,6 +34,12 @@ class Loops(NamedTuple):
 
 def faces_of_cells(face_cells: Int, n_cells: int) -> tuple[Int, Int]:
     """Return the faces per cell as CSR, in ascending order."""
+    offsets, faces = _faces_of_cells(face_cells, n_cells)
+    return offsets, frozen_int(faces)
+
+
+def _faces_of_cells(face_cells: Int, n_cells: int) -> tuple[Int, Int]:
+    """Return the faces per cell as CSR, the faces in a writable array."""
     from agglo_core.mesh.kernels.faces import cell_faces
 
     faces = np.empty(len(face_cells) + np.count_nonzero(face_cells[:, 1] >= 0), np.int64)
@@ -41,15 +47,16 @@ def faces_of_cells(face_cells: Int, n_cells: int) -> tuple[Int, Int]:
     def put(start: int, stop: int, places: Int, only_count: bool) -> None:
         cell_faces(face_cells[start:stop], start, places, faces[:0] if only_count else faces)
 
-    offsets = counting_sort(put, len(face_cells), n_cells, shares=1)
-    return offsets, frozen_int(faces)
+    return counting_sort(put, len(face_cells), n_cells, shares=1), faces
 
 
-def loops_of_cells(points: Float, offsets: Int, faces: Int, face_pairs: Int, face_cells: Int) -> Loops:
+def loops_of_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -> Loops:
     """Return all cell boundary loops of a 2-D mesh, given by its arrays."""
     from agglo_core.mesh.kernels.faces import chain_loops
 
-    vertices = np.empty(len(faces), np.int64)
+    # The vertices replace the faces in the same array: the kernel reads the faces of a cell first.
+    offsets, vertices = _faces_of_cells(face_cells, n_cells)
+    faces = frozen_int(vertices)
 
     def chain_range(start: int, stop: int) -> tuple[Int, Int, Int]:
         ranges, workspace = offsets[start : stop + 1], vertices[offsets[start] : offsets[stop]]

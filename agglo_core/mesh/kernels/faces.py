@@ -136,8 +136,8 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
     """Chain the edges of cells, from ``first_cell`` on, to closed loops with the cell on their left.
 
     No loop repeats a vertex. Cell ``first_cell + c`` has ``faces[offsets[c]:offsets[c + 1]]``. Vertices are
-    written to ``loops``, with space for one per face. Returns the number of loops per cell (n + 1,) as
-    offsets, and vertex offsets per loop.
+    written to ``loops``, with space for one per face, which may be the memory of these faces. Returns the
+    number of loops per cell (n + 1,) as offsets, and vertex offsets per loop.
     """
     n = len(offsets) - 1
     most = 0
@@ -151,7 +151,8 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
     first = np.empty(0, np.int64)  # last edge of this cell that starts at a vertex
     place = np.empty(0, np.int64)  # position of a vertex in the walk
     cell_loops = np.zeros(n + 1, np.int64)
-    loop_ends = np.zeros(offsets[n] - offsets[0] + 1, np.int64)
+    loop_ends = np.empty(offsets[n] - offsets[0] + 1, np.int64)  # mostly unused, so that pages stay free
+    loop_ends[0] = 0
     n_loops, filled, first_fetched, last_fetched = 0, 0, 0, 0
     for c in range(n):
         size = offsets[c + 1] - offsets[c]
