@@ -9,7 +9,8 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int
 from agglo_core.draw.plot import save_figure
-from agglo_core.errors import OptionError
+from agglo_core.errors import MeshError, OptionError
+from agglo_core.mesh.checks import name_cells
 from agglo_core.problems.discretisation import Samples
 
 _TRIANGLE = ((0, 1), (0, 2), (0, 3))
@@ -34,7 +35,18 @@ def middle_slice(samples: Samples, axis: int) -> Slice:
         3-D samples.
     axis : int
         Axis 0, 1 or 2. The other two axes are the coordinates of the slice, in order.
+
+    Raises
+    ------
+    MeshError
+        For cells without tetrahedra.
     """
+    whole = np.setdiff1d(samples.cells, samples.cells[samples.simplices])
+    if len(whole):
+        raise MeshError(
+            f"{name_cells(whole)}: not star-shaped from the centroid, so not divided into tetrahedra for a "
+            "picture; write the solution as .vtu instead"
+        )
     coordinates = samples.points[:, axis]
     # Select the tetrahedra cut by the plane, with corners sorted by height.
     height = coordinates - (coordinates.min() + coordinates.max()) / 2

@@ -48,7 +48,8 @@ class Samples:
         Cell per point.
     points : (q, d) float
     simplices : (t, d + 1) int
-        Triangles or tetrahedra by point numbers, each within one cell.
+        Triangles or tetrahedra by point numbers, each within one cell. Polyhedra that are not star-shaped
+        may have none: files contain them as polyhedra, and they cannot be drawn.
     values : (q,) or (q, d) float
         Numbers, or vectors such as displacements.
     gradients : (t, d) or (t, d, d) float, optional

@@ -429,7 +429,8 @@ class Solution:
     def write(self, path: str | PathLike[str]) -> None:
         """Write solution, gradient and stress for ParaView, as ``agglo solve -o`` does.
 
-        They are sampled in every cell.
+        They are sampled in every cell. A polyhedron that is not star-shaped is written as it is, with values
+        at its vertices and without gradient and stress.
 
         Parameters
         ----------

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from agglo_core import FileError, Mesh, MeshError, OptionError, read, samples
+from agglo_core import FileError, Mesh, MeshError, OptionError, agglomerate, read, samples
+from agglo_core.draw.solution import middle_slice
 from agglo_core.fields.location import locate
 from agglo_core.fields.sampling import sample_points
 from agglo_core.fields.simplices import triangulate
@@ -150,6 +151,29 @@ def test_a_file_holds_the_function(tmp_path: Path) -> None:
     assert pieces.cell_measures.sum() == pytest.approx(mesh.cell_measures.sum())
     shares = np.bincount(pieces.cell_tags["cell"], pieces.cell_measures)
     np.testing.assert_allclose(shares, mesh.cell_measures, rtol=1e-10)
+
+
+def test_a_file_holds_polyhedra_that_are_not_star_shaped(tmp_path: Path) -> None:
+    mesh = agglomerate(samples.tetrahedra(3), n_parts=20).mesh(0)
+    basis = Basis(mesh, 2)
+    found = samples_of(basis, basis.project(cubic))
+    cut = np.unique(found.cells[found.simplices])
+    assert 0 < len(cut) < mesh.n_cells
+    write_solution(tmp_path / "u.vtu", mesh, found)
+    document = parse((tmp_path / "u.vtu").read_bytes())
+    arrays = {each.get("Name"): document.array(each, 1 << 20) for each in document.root.iter("DataArray")}
+    whole = arrays["types"] == 42
+    assert sorted(set(arrays["cell"][~whole])) == cut.tolist()
+    np.testing.assert_array_equal(np.isnan(arrays["gradient"].reshape(-1, 3)).all(axis=1), whole)
+    points = arrays["Points"].reshape(-1, 3)
+    np.testing.assert_array_equal(arrays["u"], basis.evaluate(basis.project(cubic), found.cells, points))
+    pieces = read(tmp_path / "u.vtu", allow_gaps=True)
+    shares = np.bincount(pieces.cell_tags["cell"], pieces.cell_measures)
+    np.testing.assert_allclose(shares, mesh.cell_measures, rtol=1e-10)
+    with pytest.raises(MeshError, match="not star-shaped"):
+        middle_slice(found, 2)
+    with pytest.raises(MeshError, match="other points than the vertices"):
+        write_solution(tmp_path / "v.vtu", mesh, replace(found, points=found.points[::-1]))
 
 
 def test_a_tag_called_cell_leaves_the_numbers_of_the_cells(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def write_solution(
     everything = mesh.exchange(by_cell(mesh, x))
     with ranks.together():
         samples = _of_own_cells(how.sample(mesh.local, everything.ravel()), mesh)
-        piece = solution_piece(samples, mesh.local.cell_tags, name=name, cell_ids=mesh.global_ids)
+        piece = solution_piece(samples, mesh.local, name=name, cell_ids=mesh.global_ids)
     with shared_staging(target, ranks) as folder:
         write_agreed(folder, target.stem, piece, ranks)
     with ranks.together():

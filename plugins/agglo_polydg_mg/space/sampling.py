@@ -22,14 +22,12 @@ from agglo_polydg_mg.space.derivatives import mean_gradients
 def samples_of(basis: Basis, x: Float) -> Samples:
     """Sample a function at points in every cell, for pictures, with ``x`` as of :meth:`.Basis.evaluate`.
 
-    Every cell is cut into simplices, and each simplex into pᵈ smaller simplices.
+    The points are those of :func:`~agglo_core.fields.sample_points`.
 
     Raises
     ------
     OptionError
         If the length of x does not match the space.
-    MeshError
-        In 3-D, for cells that are not star-shaped from their centroids.
     """
     cells, points, simplices = sample_points(basis.mesh, basis.degree)
     centres = points[simplices].mean(axis=1)
