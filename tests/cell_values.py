@@ -10,9 +10,9 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from two_point_flux import TwoPointFlux
 
 from agglo_core import Hierarchy, Mesh, MeshError, OptionError
-from agglo_core.conformance.engine.reference import TwoPointFlux
 from agglo_core.problems import Diffusion, Samples, System
 
 __all__ = ["Bare", "CellValues", "Fluxes", "Ring"]

@@ -114,7 +114,7 @@ _RECORDS = (
         "turns a problem on a mesh into a linear system, and its solution back into a function",
         ("assemble",),
         ("deterministic", "3d", "pickles", "patch_test"),
-        ("general", "discretisation", "known_solutions", "calls", "promises"),
+        ("general", "discretisation", "estimator", "known_solutions", "calls", "promises"),
         {"accepts": tuple},
     ),
     Kind(

@@ -14,6 +14,7 @@ from conformance.mutants.bisectors import Halves, LeftInOnePlace, NamesOfSides, 
 from conformance.mutants.hanging import Dies
 from conformance.mutants.problems import Heat
 from conformance.mutants.samples import bars, clips
+from two_point_flux import TwoPointFlux
 
 from agglo_core import Component, Diffusion, OptionError, PluginError, Registry, hookimpl
 from agglo_core.cli import main
@@ -22,7 +23,6 @@ from agglo_core.conformance import Result, check, conformance
 from agglo_core.conformance.base.law import Law
 from agglo_core.conformance.base.subject import subject_of
 from agglo_core.conformance.engine.judging import judge, laws_for
-from agglo_core.conformance.engine.reference import TwoPointFlux
 from agglo_core.conformance.inputs.questions import questions
 from agglo_core.conformance.laws import all_laws
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from two_point_flux import TwoPointFlux
 
 from agglo_core.arrays import frozen_int
-from agglo_core.conformance.engine.reference import TwoPointFlux
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.cases import (
     ON_GRAPHS,

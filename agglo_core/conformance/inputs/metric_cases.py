@@ -13,53 +13,16 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.mesh import Mesh
 
-_OWN: Final[Mapping[str, Sequence[Sequence[float]]]] = {
-    "UF": ((1, 1, 1, 1), (sqrt(0.2), 1), (1, 0.5), (0.6, 1), (sqrt(10 / 26), 1), (1, 1)),
-    "CR": (
-        (sqrt(0.5),) * 4,
-        (sqrt(0.5), sqrt(0.1)),
-        (sqrt(2) - 1, sqrt(0.5)),
-        (sqrt(0.5), (2 * sqrt(2) - 2) / 5),
-        (sqrt(1 / 10), sqrt(1 / 26)),
-        (sqrt(1 / 8),) * 2,
-    ),
-    "CRc": (
-        (sqrt(0.5),) * 4,
-        (sqrt(0.5), sqrt(0.1)),
-        (1 / 6, sqrt(0.5)),
-        (sqrt(0.5), 0),
-        (sqrt(0.1), 0),
-        (0, 0),
-    ),
-    "interface_length": ((4, 4, 4, 4), (1, 1), (2, 2), (12, 12), (2, 2), (4, 4)),
-    "cut": ((4, 4, 4, 4), (1, 1), (2, 2), (12, 12), (2, 2), (4, 4)),
-    "ncut": ((1 / 3,) * 4, (1, 1 / 5), (1 / 3, 1), (1 / 3, 3 / 11), (1 / 3, 1), (1, 1)),
-    "components": ((1, 1, 1, 1), (1, 1), (1, 1), (1, 1), (1, 2), (2, 2)),
-    "cells": ((4, 4, 4, 4), (1, 3), (3, 1), (9, 16), (3, 2), (2, 2)),
-    "J": (
-        (3 / pi,) * 4,
-        (3 / pi, 9 / (5 * pi)),
-        (27 / (11 * pi), 3 / pi),
-        (3 / pi, 24 / (17 * pi)),
-        (9 / (5 * pi), 6 / (25 * pi)),
-        (3 / (2 * pi),) * 2,
-    ),
-    "isoperimetric": (
-        (pi / 4,) * 4,
-        (pi / 4, 3 * pi / 16),
-        (3 * pi / 16, pi / 4),
-        (pi / 4, pi / 16),
-        (3 * pi / 16, pi / 8),
-        (pi / 8, pi / 8),
-    ),
-    "convexity": ((1, 1, 1, 1), (1, 1), (6 / 7, 1), (1, 16 / 25), (1, 2 / 5), (2 / 3, 2 / 3)),
-    "star_shapedness": ((1, 1, 1, 1), (1, 1), (1 / 3, 1), (1, 0), (1, 0), (0, 0)),
-    "box_ratio": ((1, 1, 1, 1), (1, 1 / 3), (1, 1), (1, 1), (1 / 3, 1 / 5), (1 / 2, 1 / 2)),
-    "edge_ratio": ((1, 1, 1, 1), (1, 1 / 3), (1 / 2, 1), (1, 3 / 5), (1 / 3, 1), (1, 1)),
-    "face_ratio": ((1, 1, 1, 1), (1, 1 / 3), (1 / 2, 1), (1, 3 / 5), (1 / 3, 1), (1, 1)),
-}
+_ISOPERIMETRIC = (
+    (pi / 4,) * 4,
+    (pi / 4, 3 * pi / 16),
+    (3 * pi / 16, pi / 4),
+    (pi / 4, pi / 16),
+    (3 * pi / 16, pi / 8),
+    (pi / 8, pi / 8),
+)
 
-PLAIN: Final[Mapping[str, Sequence[Sequence[float]]]] = {
+HAND: Final[Mapping[str, Sequence[Sequence[float]]]] = {
     "area": ((4, 4, 4, 4), (1, 3), (3, 1), (9, 16), (3, 2), (2, 2)),
     "perimeter": ((8, 8, 8, 8), (4, 8), (8, 4), (12, 32), (8, 8), (8, 8)),
     "diameter": (
@@ -70,23 +33,15 @@ PLAIN: Final[Mapping[str, Sequence[Sequence[float]]]] = {
         (sqrt(10), sqrt(26)),
         (sqrt(8), sqrt(8)),
     ),
-    "solidity": _OWN["convexity"],
-    "polsby_popper": _OWN["isoperimetric"],
-    "isoperimetric_quotient": _OWN["isoperimetric"],
+    "solidity": ((1, 1, 1, 1), (1, 1), (6 / 7, 1), (1, 16 / 25), (1, 2 / 5), (2 / 3, 2 / 3)),
+    "polsby_popper": _ISOPERIMETRIC,
+    "isoperimetric_quotient": _ISOPERIMETRIC,
 }
-"""Values for metrics whose name has a single common meaning."""
-
-HAND: Final = {**_OWN, **PLAIN}
-"""Values computed by hand for the cases of :func:`agglo_core.conformance.inputs.metric_cases.by_hand`.
-
-The keys are metric names. The cases are: four squares of 2 by 2 cells; a square and a 3 by 1 bar; an L of
-three squares around a square; a 3 by 3 square in a ring of width one; a 3 by 1 bar between two squares that
-form one part; two parts, each of two squares that touch in a point.
-"""
+"""Values in the cases of :func:`by_hand`, for metrics whose name has one common meaning."""
 
 
 def by_hand() -> list[Case]:
-    """Return the test cases whose metric values have been computed by hand (:data:`HAND`)."""
+    """Return the test cases whose metric values are computed by hand, in parts of unit squares."""
     row, column = np.divmod(np.arange(16), 4)
     ring = np.ones((5, 5), int)
     ring[1:4, 1:4] = 0

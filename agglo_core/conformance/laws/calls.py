@@ -10,6 +10,7 @@ import tracemalloc
 import weakref
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import suppress
 from dataclasses import is_dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -43,7 +44,6 @@ from agglo_core.conformance.process.fresh_import import import_again
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Linear
-from agglo_core.registry import KINDS
 
 _ROUNDS = 2
 _CALLS = 4  # calls per round; memory kept in all rounds is kept forever
@@ -97,19 +97,44 @@ def nothing_carried_over(subject: Subject) -> None:
         )
 
 
+_PREPARING = {"smoother": "setup", "coarse_solver": "solver_for", "constraint": "for_mesh"}
+"""Methods that prepare an object for a level, matrix or mesh."""
+
+
+def _prepared(subject: Subject, tool: Any, case: Case) -> Any:
+    """Return a component that always returns the object prepared for one test case."""
+    method = _PREPARING[subject.kind]
+    made = getattr(tool, method)(case.given[0])
+    return SimpleNamespace(**{method: lambda _: made})
+
+
 def _answers_of_one_function(subject: Subject) -> list[tuple[str, Any, Any]]:
     """Return results of the function for one matrix with two right-hand sides, and copies made at once."""
     case = next(_sibling_cases(subject))
     matrix, *vectors = case.given
-    method = KINDS[subject.kind].methods[0]
-    function = getattr(subject.build(), method)(matrix)
-    one_function = SimpleNamespace(**{method: lambda _: function})
+    one_function = _prepared(subject, subject.build(), case)
     results = []
     for factor in (1.0, -2.0):
         given = (matrix, *(frozen_float(factor * vector) for vector in vectors))
         x = plain(subject, one_function, replace(case, given=given))
         results.append((case.name, x, x.copy()))
     return results
+
+
+@law(*_PREPARING, when=lambda subject: subject.has(_PREPARING[subject.kind]))
+def prepared_apart(subject: Subject) -> None:
+    """What ``setup``, ``solver_for`` or ``for_mesh`` returns stays the same when it is called again."""
+    tool, test_cases = subject.build(), questions(subject)
+    prepared = [_prepared(subject, tool, case) for case in test_cases]
+    for case, one in zip(test_cases, prepared, strict=True):
+        alone = plain(subject, subject.build(), case)
+        with suppress(Broken):  # an exception differs, too
+            if same(plain(subject, one, case), alone):
+                continue
+        raise Broken(
+            f"on {case.name}: the result differs if {_PREPARING[subject.kind]} was called for other input "
+            "meanwhile: return a new object, and keep its data in it, not in self"
+        )
 
 
 @law(*SIBLINGS)

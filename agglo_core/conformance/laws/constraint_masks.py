@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -63,24 +62,6 @@ def numbering_ignored(subject: Subject, case: Case) -> None:
             equal,
             f"on {case.name}, renumbered: {method} answers differently: use tags and geometry, not cell "
             "numbers",
-        )
-
-
-@law("constraint", draw=constraint_cases, examples=_EXAMPLES, when=lambda subject: subject.has("for_mesh"))
-def bound_to_its_mesh(subject: Subject, case: Case) -> None:
-    """The rule that ``for_mesh`` returns stays the same when the constraint is given another mesh."""
-    before = _answer_unless_refused(subject, case)
-    if not before:
-        return
-    tool = subject.build()
-    rule = tool.for_mesh(case.given[0])
-    methods = {name: getattr(rule, name) for name in before}
-    tool.for_mesh(tag_cells_and_faces(DrawnMesh(cells=15, jitter=0.25).mesh))
-    later = replace(case, name=f"{case.name}, after a call of for_mesh with another mesh")
-    for method, mask in answer(subject, SimpleNamespace(**methods), later).items():
-        require(
-            np.array_equal(before[method], mask),
-            f"on {later.name}: {method} answers differently: return a new object from for_mesh",
         )
 
 

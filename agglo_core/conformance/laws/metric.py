@@ -25,7 +25,7 @@ from agglo_core.conformance.inputs.mesh_changes import (
     transform_mesh,
     turn_inner_faces,
 )
-from agglo_core.conformance.inputs.metric_cases import HAND, PLAIN, by_hand, halve_faces, layouts
+from agglo_core.conformance.inputs.metric_cases import HAND, by_hand, halve_faces, layouts
 from agglo_core.conformance.inputs.option_values import option_choices
 from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
 from agglo_core.conformance.inputs.strategies import metric_cases
@@ -113,7 +113,7 @@ def within_bounds(subject: Subject, case: Case) -> None:
 def _known_name(subject: Subject) -> str:
     """Return the name under which a metric's values are known: as declared, or the class in snake case."""
     snake_name = re.sub("(?<=[a-z])(?=[A-Z])", "_", getattr(subject.given, "__name__", "")).lower()
-    return subject.name or (snake_name if snake_name in PLAIN else "")
+    return subject.name or snake_name
 
 
 @law("metric", when=lambda subject: _known_name(subject) in HAND)

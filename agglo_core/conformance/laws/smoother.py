@@ -1,4 +1,4 @@
-"""Laws for smoothers: error reduction, symmetry, pre- and post-smoothing, independent levels."""
+"""Laws for smoothers: error reduction, symmetry, pre- and post-smoothing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import FORM, Broken, require
 from agglo_core.conformance.inputs.cases import cases
-from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain, questions
+from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
 from agglo_core.conformance.inputs.strategies import smoother_cases
 from agglo_core.conformance.laws.multigrid_parts import require_linear_and_symmetric
 from agglo_core.registry.containment import PLUGIN_FAILURES
@@ -179,24 +179,3 @@ def _call_method(subject: Subject, case: Case, method: str, *arguments: Float) -
     except PLUGIN_FAILURES as error:
         raise Broken(f"{method} raised {error!r:.200}") from error
     raise Broken(f"there is no {method}: define both before and after, or only smooth(b, x)")
-
-
-@law("smoother")
-def levels_apart(subject: Subject) -> None:
-    """The result of ``setup`` for a level is not affected by the setup and use of other levels."""
-    tool, test_cases = subject.build(), questions(subject)
-    try:
-        smoothers = [tool.setup(case.given[0]) for case in test_cases]
-        shared = [smooth(*case.given[1:]) for smooth, case in zip(smoothers, test_cases, strict=True)]
-    except PLUGIN_FAILURES as error:
-        raise Broken(
-            f"after setting up several levels it raised {error!r:.200}: keep the data of a level in the "
-            "function that setup returns, not in self"
-        ) from error
-    for case, x in zip(test_cases, shared, strict=True):
-        alone = plain(subject, subject.build(), case)
-        require(
-            np.shape(x) == alone.shape and np.allclose(x, alone, rtol=1e-9, atol=1e-12),
-            f"on {case.name}, after setting up other levels: x differs from the result without them: keep "
-            "the data of a level in the function that setup returns, not in self",
-        )

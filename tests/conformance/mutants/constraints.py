@@ -131,7 +131,7 @@ MUTANTS = [
     Mutant("masks", OneWay, "stores each edge twice"),
     Mutant("numbering_ignored", ByNumber, "not cell numbers"),
     Mutant("large_tags", SmallTags, "64 bits"),
-    Mutant("bound_to_its_mesh", OneLayerForAll, "return a new object"),
+    Mutant("prepared_apart", OneLayerForAll, "return a new object"),
     Mutant("constraint_kept", ForbidsAll, "too few parts"),
     Mutant("pieces_admissible", AtLeastTwo, "cannot be split"),
     Mutant("constraint_kept", Moody, "inconsistent answers"),

@@ -204,7 +204,7 @@ MUTANTS = [
     Mutant("quadrature_fits_values", HalvesWeights, "weights of quadrature sum to"),
     Mutant("quadrature_fits_values", ShufflesPoints, "expected those of evaluate"),
     Mutant("fluxes_balance_source", PointwiseFluxes, "but its source is"),
-    Mutant("residuals_near_error", WeighsResidualsByCoefficient, "with kappa 1000 the residuals"),
-    Mutant("residuals_near_error", RootsOfResiduals, "are not 36 squares"),
-    Mutant("residuals_near_error", IgnoresBoundaryGaps, "the residuals of the exact solution"),
+    Mutant("near_the_error", WeighsResidualsByCoefficient, "with kappa 1000"),
+    Mutant("near_the_error", RootsOfResiduals, "are not 36 squares"),
+    Mutant("zero_for_exact", IgnoresBoundaryGaps, "the estimate of the exact solution"),
 ]

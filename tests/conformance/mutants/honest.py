@@ -9,8 +9,7 @@ from conformance.mutants.mutant import Mutant
 from conformance.mutants.solvers import LinearOnly
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
-
-from agglo_core.conformance.engine.reference import TwoPointFlux
+from two_point_flux import TwoPointFlux
 
 
 class TrustsTheRecursion(LinearOnly):

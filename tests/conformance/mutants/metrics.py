@@ -384,7 +384,7 @@ MUTANTS = [
     Mutant("homogeneous", AreaCalledRatio, "divide by a length"),
     Mutant("rigid_motion", WidthOverHeight, "not coordinates"),
     Mutant("renaming", ValuesByName, "belong to label i"),
-    Mutant("hand_values", Component("metric", "convexity", f"{__name__}:AlwaysOne"), "definition"),
+    Mutant("hand_values", Component("metric", "solidity", f"{__name__}:AlwaysOne"), "definition"),
     Mutant("changes_add_up", ForgetsThePower, "with power="),
     Mutant("changes_add_up", WeighsCells, "minus the sum before"),
     Mutant("declares_itself", SaysYes, "expected True or False"),

@@ -246,7 +246,7 @@ MUTANTS = [
     Mutant("error_reduced", TwoThirds, "damp it"),
     Mutant("error_reduced", StrongRichardson, "damp it"),
     Mutant("error_reduced", Richardson, "the unit of 1 / A"),
-    Mutant("levels_apart", KeepsTheLevel, "not in self"),
+    Mutant("prepared_apart", KeepsTheLevel, "not in self"),
     Mutant("rough_error_damped", Timid, "the rough half"),
     Mutant("smoother_symmetric", Forward, "forwards and then backwards", {"symmetric": True}),
     Mutant("smoother_symmetric", SteepestDescent, "nonlinear", {"symmetric": True}),

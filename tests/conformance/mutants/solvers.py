@@ -8,9 +8,9 @@ import numpy as np
 from conformance.mutants.mutant import Mutant
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, aslinearoperator, spsolve, spsolve_triangular
+from two_point_flux import TwoPointFlux, _system
 
 from agglo_core import OptionError
-from agglo_core.conformance.engine.reference import TwoPointFlux, _system
 from agglo_core.conformance.inputs.solver_cases import SIDES, times
 from agglo_core.problems import Diffusion, Linear, Solution
 

@@ -7,8 +7,7 @@ from math import inf
 import numpy as np
 from conformance.mutants.metrics import Extent, Spread
 from conformance.mutants.mutant import Mutant
-
-from agglo_core.conformance.engine.reference import TwoPointFlux
+from two_point_flux import TwoPointFlux
 
 
 class BorrowsTheLabels(Extent):

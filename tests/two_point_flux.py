@@ -1,7 +1,4 @@
-"""Reference solver for the laws: two-point fluxes and preconditioned conjugate gradients.
-
-The solver is a correct example for the laws of solvers, and shows authors how little code a solver needs.
-"""
+"""Solver that keeps the laws of solvers: two-point fluxes and preconditioned conjugate gradients."""
 
 from __future__ import annotations
 
