@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from agglo_core.conformance.base.subject import Subject, subject_of
+from agglo_core.conformance.base import Subject, subject_of
 from agglo_core.conformance.engine.judging import Result, judge, laws_for, report_once
 from agglo_core.conformance.engine.runner import check
 from agglo_core.conformance.laws import all_laws

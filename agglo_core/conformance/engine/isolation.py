@@ -21,9 +21,9 @@ from typing import IO, Any
 
 from numba.core.event import Listener, register
 
+from agglo_core.conformance.base import Subject
 from agglo_core.conformance.base.handing_over import environment, subject_from, task_of
 from agglo_core.conformance.base.own_components import own_components
-from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.engine.judging import Result, State, judge, laws_for
 from agglo_core.conformance.laws import all_laws, laws_of
 from agglo_core.errors import OptionError

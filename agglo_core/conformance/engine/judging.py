@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 import time
 import traceback
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Literal
 
-from agglo_core.conformance.base.law import Law
-from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base import ATTRIBUTES, Broken, Law, Subject
 from agglo_core.conformance.base.surroundings import Snapshot
-from agglo_core.conformance.base.verdict import ATTRIBUTES, Broken
+from agglo_core.conformance.base.tracing import component_frame
 from agglo_core.conformance.laws import laws_of
-from agglo_core.errors import OptionError, PluginError
+from agglo_core.errors import OptionError
 from agglo_core.registry.containment import PLUGIN_FAILURES
 from agglo_core.suggestions import did_you_mean
 
@@ -174,19 +171,5 @@ def _is_component(subject: Subject, value: object) -> bool:
 
 def _place(subject: Subject, error: BaseException) -> str:
     """Return type and last line of an exception in the component's code, or an empty string outside."""
-    try:
-        target = subject.target
-    except PluginError:
-        return ""  # its target cannot be imported
-    module = str(getattr(target, "__module__", type(target).__module__))
-    top = module.partition(".")[0]
-    # All of a plugin's package is the component; of this package only the module itself.
-    file = getattr(sys.modules.get(module if top == "agglo_core" else top), "__file__", None)
-    home = Path(file) if file else None
-    if home is not None and home.name == "__init__.py":
-        home = home.parent
-    for frame in reversed(traceback.extract_tb(error.__traceback__)):
-        path = Path(frame.filename)
-        if home is not None and (path == home or home in path.parents):
-            return f"{type(error).__name__} at {path}:{frame.lineno}"
-    return ""
+    frame = component_frame(subject, error)
+    return f"{type(error).__name__} at {frame.filename}:{frame.lineno}" if frame else ""

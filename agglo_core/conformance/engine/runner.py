@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from agglo_core.conformance.base.subject import subject_of
+from agglo_core.conformance.base import subject_of
 from agglo_core.conformance.engine.isolation import judge_apart
 from agglo_core.conformance.engine.judging import Result, judge, laws_for, report_once
 from agglo_core.errors import OptionError

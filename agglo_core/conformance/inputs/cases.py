@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from agglo_core.arrays import UInt64, frozen, frozen_float
-from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base import Case
 from agglo_core.conformance.inputs.drawn import PLANE, DrawnGraph, DrawnMesh, Layout, drawn_labels
 from agglo_core.conformance.inputs.mesh_cases import case_on, for_files
 from agglo_core.conformance.inputs.multigrid_cases import (
@@ -213,7 +213,10 @@ def siblings(kind: str, *, partition: bool = False) -> Iterator[Case]:
     elif kind == "solver":
         for recipe in _STRETCHED:
             linear, hierarchy = DrawnProblem(recipe, "even").posed
-            for problem in (Diffusion(), Diffusion(source=3.0), linear):
+            assert isinstance(linear, Linear)
+            rough = 1.0 + np.arange(64) % 7
+            diffusion = [Diffusion(), Diffusion(source=3.0), Diffusion(rough), Diffusion(rough[::-1])]
+            for problem in (*diffusion, linear, replace(linear, A=3.0 * linear.A)):
                 yield Case("64 cells", (problem, hierarchy))
     else:
         for recipe in _STRETCHED[:1] if kind in PARTS else _STRETCHED:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from agglo_core.arrays import frozen_int
-from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base import Case
 from agglo_core.conformance.inputs.drawn import DrawnMesh, drawn_labels
 from agglo_core.conformance.inputs.solver_cases import on_levels
 from agglo_core.measure import RunResult, measure_levels

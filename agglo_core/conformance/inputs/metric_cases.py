@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from agglo_core.arrays import frozen_int
-from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base import Case
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.mesh import Mesh
 

@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
-from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base import Case
 from agglo_core.conformance.inputs.drawn import DrawnGraph, DrawnMesh, Layout, Recipe, drawn_labels
 from agglo_core.graph import Graph
 from agglo_core.problems import Coarsening, MultigridLevel, Patches

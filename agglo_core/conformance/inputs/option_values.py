@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import Any, Literal, get_args, get_origin
 
-from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base import Subject
 from agglo_core.registry.options import Option, options_of
 
 

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base import Case, Subject
 from agglo_core.conformance.inputs.drawn import LAYOUTS, PLANE, SOLID, DrawnMesh
 from agglo_core.conformance.inputs.questions import questions
 from agglo_core.conformance.inputs.solver_cases import (

@@ -7,19 +7,17 @@ import random
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from agglo_core.conformance.base import FORM, Broken, Case, Subject, as_array, examples_of, in_words
 from agglo_core.conformance.base.asking import ask
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import examples_of
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import FORM, Broken
+from agglo_core.conformance.base.tracing import component_frame
 from agglo_core.conformance.inputs.cases import (
     ON_GRAPHS,
     cases,
@@ -43,32 +41,30 @@ _OWN_PROBLEMS = ("diffusion", "linear")
 _FEW = 10  # drawn cases of laws that compare several calls
 
 
-def answer(subject: Subject, tool: Any, case: Case) -> Any:
-    """Call a component with a test case, and return the result unchecked.
+REFUSED: Final = object()
+"""Result of a component that refuses a test case, where that is allowed."""
+
+
+def answer(subject: Subject, case: Case, tool: Any = None, *, refusal: Any = None) -> Any:
+    """Call a component, built anew unless it is given, with a test case, and return the result unchecked.
+
+    If a ``refusal`` is given, it is the result if the component raises an AggloError.
 
     Raises
     ------
     Broken
-        If the component raises any exception.
+        If the component raises any other exception.
     """
+    tool = subject.build() if tool is None else tool
     try:
         return ask(subject.kind, tool, case)
     except Broken:
         raise
     except PLUGIN_FAILURES as error:
+        if isinstance(error, AggloError) and refusal is not None:
+            return refusal
         cause = f"{type(error).__name__}: {error}" if _rejects_arguments(error) else ""
-        raise Broken(f"on {case.name}: {_blame(subject, tool, error)}", cause) from error
-
-
-def as_array(given: Any) -> NDArray[Any]:
-    """Convert the result of a component to an array, as the core does.
-
-    Ragged lists become arrays of objects.
-    """
-    try:
-        return np.asarray(given)
-    except ValueError:
-        return np.asarray(given, dtype=object)
+        raise Broken(f"on {case.name}: {_blame(subject, error)}", cause) from error
 
 
 def strategy_for(subject: Subject, families: Sequence[str] | None = None) -> Any:
@@ -205,21 +201,15 @@ def refuses(subject: Subject, case: Case) -> bool:
     """
     key = case.name, case.given[-1] if subject.kind == "format" else ""
     if key not in subject.refused:
-        subject.refused[key] = _raises_ours(subject, case)
+        subject.refused[key] = False
+        with suppress(Broken):  # another failure is no refusal
+            subject.refused[key] = answer(subject, case, refusal=REFUSED) is REFUSED
     return subject.refused[key]
 
 
-def _raises_ours(subject: Subject, case: Case) -> bool:
-    try:
-        answer(subject, subject.build(), case)
-    except Broken as error:
-        return isinstance(error.__cause__, AggloError)
-    return False
-
-
-def plain(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:
+def plain(subject: Subject, case: Case, tool: Any = None) -> NDArray[Any]:
     """Call a component, and return its result as an array (see :func:`in_array`)."""
-    return in_array(subject, case, answer(subject, tool, case))
+    return in_array(subject, case, answer(subject, case, tool))
 
 
 def in_array(subject: Subject, case: Case, result: Any) -> NDArray[Any]:
@@ -262,13 +252,6 @@ def same_labelling(before: NDArray[Any], after: NDArray[Any], swap: bool) -> boo
 def chunks(level: Graph, values: NDArray[Any]) -> list[NDArray[Any]]:
     """Split an array of cell values into one array per block."""
     return np.split(values, level.offsets[1:-1])
-
-
-def in_words(value: Any) -> str:
-    """Describe a value for an error message: type, and shape or beginning of its text."""
-    if isinstance(value, np.ndarray):
-        return f"an array of shape {value.shape} and {value.dtype}"
-    return f"a {type(value).__name__} ({value!r:.40})"
 
 
 def fingerprints(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -326,20 +309,15 @@ def _rejects_arguments(error: BaseException) -> bool:
     )
 
 
-def _blame(subject: Subject, tool: Any, error: BaseException) -> str:
+def _blame(subject: Subject, error: BaseException) -> str:
     """Describe an exception with the source line in the component, and its remedy."""
     if _rejects_arguments(error):
         return (
             f"it raised TypeError: {error}. Agglo could not call it: compare the arguments of its methods "
             "with the protocol of its kind in agglo_core.protocols"
         )
-    home = sys.modules.get(type(tool).__module__)
-    frames = traceback.extract_tb(error.__traceback__)
-    component_frames = [
-        frame for frame in frames if frame.filename == getattr(home, "__file__", None)
-    ] or frames
-    location = f"{component_frames[-1].filename}:{component_frames[-1].lineno}"
-    text = f"it raised {type(error).__name__}: {error} ({location})"
+    frame = component_frame(subject, error) or traceback.extract_tb(error.__traceback__)[-1]
+    text = f"it raised {type(error).__name__}: {error} ({frame.filename}:{frame.lineno})"
     if "read-only" in str(error):
         return (
             f"{text}. Input arrays are read-only because other code uses them too: change a copy (a = "

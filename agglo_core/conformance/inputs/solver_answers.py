@@ -10,10 +10,8 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from agglo_core.arrays import Float
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import Broken, require
-from agglo_core.conformance.inputs.questions import answer, questions
+from agglo_core.conformance.base import Case, Subject, require
+from agglo_core.conformance.inputs.questions import REFUSED, answer, questions
 from agglo_core.errors import AggloError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
@@ -22,23 +20,22 @@ from agglo_core.problems import Diffusion, Problem, Solution, System
 
 def solve(subject: Subject, case: Case, tool: Any = None) -> Solution:
     """Solve the problem of a test case with a newly built solver, or with ``tool`` if given."""
-    solution = answer(subject, subject.make(**case.options) if tool is None else tool, case)
-    require(isinstance(solution, Solution), f"it returned {solution!r:.60}, expected a Solution")
-    return solution  # type: ignore[no-any-return]
+    return _solution(answer(subject, case, subject.make(**case.options) if tool is None else tool))
 
 
 def solve_unless_refused(subject: Subject, case: Case) -> Solution | None:
     """Solve the problem of a test case, or return None if the solver refuses it or the options."""
     try:
-        subject.make(**case.options)
+        tool = subject.make(**case.options)
     except (AggloError, TypeError, ValueError):
         return None
-    try:
-        return solve(subject, case)
-    except Broken as error:
-        if isinstance(error.__cause__, AggloError):
-            return None
-        raise
+    solution = answer(subject, case, tool, refusal=REFUSED)
+    return None if solution is REFUSED else _solution(solution)
+
+
+def _solution(given: Any) -> Solution:
+    require(isinstance(given, Solution), f"it returned {given!r:.60}, expected a Solution")
+    return given  # type: ignore[no-any-return]
 
 
 def assemble(tool: Any, problem: Diffusion, mesh: Mesh) -> System | None:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
-from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base import Case
 from agglo_core.conformance.inputs.drawn import DrawnMesh, Layout, Recipe, drawn_labels
 from agglo_core.conformance.inputs.multigrid_cases import laplacian_of
 from agglo_core.graph import Graph

@@ -5,9 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
+from agglo_core.conformance.base import Case, Subject
 from agglo_core.conformance.base.asking import ask
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.inputs.cases import graph_case
 from agglo_core.conformance.inputs.drawn import DrawnGraph, DrawnMesh
 from agglo_core.registry.containment import PLUGIN_FAILURES

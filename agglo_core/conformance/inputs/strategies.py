@@ -10,8 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base import Case, Subject
 from agglo_core.conformance.inputs.cases import graph_case, mesh_case
 from agglo_core.conformance.inputs.drawn import (
     FACES,

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import import_module
 
-from agglo_core.conformance.base.law import Law
+from agglo_core.conformance.base import Law
 from agglo_core.registry import KINDS
 
 __all__ = ["all_laws", "laws_of"]

@@ -10,19 +10,9 @@ from numpy.typing import NDArray
 
 from agglo_core.agglomeration.border import one_sided_blocks
 from agglo_core.arrays import Int, frozen_float, frozen_int
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import law
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import FORM, require
+from agglo_core.conformance.base import Case, Subject, law, require, require_array
 from agglo_core.conformance.inputs.cases import kway_case, large_cases
-from agglo_core.conformance.inputs.questions import (
-    answer,
-    as_array,
-    chunks,
-    in_words,
-    large_graphs,
-    plain,
-)
+from agglo_core.conformance.inputs.questions import answer, chunks, large_graphs, plain
 from agglo_core.conformance.inputs.strategies import graph_cases
 from agglo_core.conformance.laws.parts import loose_parts
 from agglo_core.graph import Graph
@@ -41,14 +31,8 @@ def bisects(subject: Subject) -> bool:
 @law("bisector", draw=graph_cases, fixed=large_graphs, examples=60)
 def side_array(subject: Subject, case: Case) -> None:
     """Sides form an array (n,) of integers or booleans 0 and 1, or of probabilities of side 1."""
-    result = answer(subject, subject.build(), case)
-    sides = as_array(result)
-    require(
-        sides.shape == (case.size,) and sides.dtype.kind in "iubf",
-        f"it returned {in_words(result)}, expected an array of shape ({case.size},) of integers, booleans "
-        "or floats: one side for each cell",
-        FORM,
-    )
+    n = case.given[0].n
+    sides = require_array(answer(subject, case), (n,), "iubf", "one side for each cell")
     low, high = sides.min(), sides.max()
     remedy = "subtract the smallest label"
     if sides.dtype.kind == "f":
@@ -65,7 +49,7 @@ def side_array(subject: Subject, case: Case) -> None:
 def two_sides(subject: Subject, case: Case) -> None:
     """Both sides of a piece with at least two cells are nonempty, unless a fallback is declared."""
     graph = case.given[0]
-    bad = one_sided(graph, plain(subject, subject.build(), case))
+    bad = one_sided(graph, plain(subject, case))
     require(
         not len(bad),
         f"all cells of a piece of {graph.sizes[bad].max(initial=0)} cells are on one side: split at the "
@@ -77,7 +61,7 @@ def two_sides(subject: Subject, case: Case) -> None:
 @law("bisector", draw=graph_cases, fixed=large_graphs, promise="connected")
 def connected(subject: Subject, case: Case) -> None:
     """Both sides of a connected graph are connected."""
-    sides = plain(subject, subject.build(), case).astype(np.int64)
+    sides = plain(subject, case).astype(np.int64)
     pieces = max(loose_parts(case.given[0], sides).values())
     require(pieces == 1, f"a side is in {pieces} pieces: drop the promise connected")
 
@@ -87,7 +71,7 @@ def balanced(subject: Subject, case: Case) -> None:
     """The weight share of a side differs from 1/2 by at most the promised tolerance plus one cell."""
     tolerance = subject.promised("balanced")
     allowed = 0.0 if tolerance is True or tolerance is None else float(tolerance)
-    graph, sides = case.given[0], plain(subject, subject.build(), case)
+    graph, sides = case.given[0], plain(subject, case)
     for weights, block_sides in zip(chunks(graph, graph.weights), chunks(graph, sides), strict=True):
         total = weights.sum()
         deviation = abs(weights[block_sides == 1].sum() - 0.5 * total)
@@ -106,7 +90,7 @@ def shares_kept(subject: Subject, case: Case) -> None:
         return  # bisectors may balance weights where these differ from the mass
     shares = frozen_float(np.resize((0.1, 0.5, 1.0 / 3.0), graph.n_blocks))
     by_share = SimpleNamespace(bisect_level=lambda level, seeds: tool.bisect_shares(level, seeds, shares))
-    sides = plain(subject, by_share, case)
+    sides = plain(subject, case, by_share)
     for b, (mass, side) in enumerate(zip(chunks(graph, graph.mass), chunks(graph, sides), strict=True)):
         wanted, found = shares[b] * mass.sum(), mass[side == 1].sum()
         deviation = min(abs(found - wanted), abs(mass.sum() - found - wanted))
@@ -133,12 +117,7 @@ def kway_labels(subject: Subject, case: Case) -> None:
     graph = case.given[0]
     for parts in {1, min(graph.n, 3), min(graph.n, 300)}:
         kway = kway_case(case, parts)
-        result = answer(subject, subject.build(), kway)
-        labels = as_array(result)
-        require(
-            labels.shape == (graph.n,) and labels.dtype.kind in "iub",
-            f"on {kway.name}: partition returned {in_words(result)}, expected ({graph.n},) integers",
-        )
+        labels = require_array(answer(subject, kway), (graph.n,), "iub", what=f"on {kway.name}: partition")
         require(
             labels.min() >= 0 and labels.max() < parts,
             f"on {kway.name}: labels {labels.min()}..{labels.max()}, expected 0..{parts - 1}",
@@ -150,7 +129,7 @@ def kway_parts(subject: Subject, case: Case) -> None:
     """At least half of the requested parts are nonempty if no cell has the weight of half a part."""
     weights = case.given[0].weights
     for parts in (k for k in (2, 3, 7) if 2 * k <= len(weights) and 2 * k * weights.max() <= weights.sum()):
-        n_nonempty = len(np.unique(plain(subject, subject.build(), kway_case(case, parts))))
+        n_nonempty = len(np.unique(plain(subject, kway_case(case, parts))))
         require(
             2 * n_nonempty >= parts and n_nonempty > 1,
             f"{n_nonempty} parts are nonempty of {parts}: target.parts is the number requested",

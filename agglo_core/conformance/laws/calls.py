@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import gc
 import os
-import sys
 import threading
 import tracemalloc
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import is_dataclass, replace
@@ -18,14 +17,12 @@ from types import FrameType, SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 
 from agglo_core.arrays import Float, frozen_float
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import law
-from agglo_core.conformance.base.own_arrays import arrays_in, find_writing_line, home, in_own_arrays
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.base import Broken, Case, Subject, law, require
+from agglo_core.conformance.base.tracing import run_traced
 from agglo_core.conformance.inputs.cases import ON_GRAPHS, SIBLINGS, graph_case, part_of_level, siblings
 from agglo_core.conformance.inputs.drawn import DrawnGraph, DrawnMesh
 from agglo_core.conformance.inputs.multigrid_cases import PARTS
@@ -74,12 +71,12 @@ def nothing_carried_over(subject: Subject) -> None:
     expected = []
     for case in _sibling_cases(subject):
         with import_again(subject) as unused:
-            expected.append(plain(unused, unused.build(), case))
+            expected.append(plain(unused, case))
     # A single object must give these answers, in several rounds over all cases.
     tool, results = subject.build(), []
     for _ in range(_ROUNDS):
         for case, right in zip(_sibling_cases(subject), expected, strict=True):
-            result = plain(subject, tool, case)
+            result = plain(subject, case, tool)
             require(
                 same(result, right),
                 f"on {case.name}: its answer changes after calls on other meshes of the same size: key a "
@@ -116,7 +113,7 @@ def _answers_of_one_function(subject: Subject) -> list[tuple[str, Any, Any]]:
     results = []
     for factor in (1.0, -2.0):
         given = (matrix, *(frozen_float(factor * vector) for vector in vectors))
-        x = plain(subject, one_function, replace(case, given=given))
+        x = plain(subject, replace(case, given=given), one_function)
         results.append((case.name, x, x.copy()))
     return results
 
@@ -127,9 +124,9 @@ def prepared_apart(subject: Subject) -> None:
     tool, test_cases = subject.build(), questions(subject)
     prepared = [_prepared(subject, tool, case) for case in test_cases]
     for case, one in zip(test_cases, prepared, strict=True):
-        alone = plain(subject, subject.build(), case)
+        alone = plain(subject, case)
         with suppress(Broken):  # an exception differs, too
-            if same(plain(subject, one, case), alone):
+            if same(plain(subject, case, one), alone):
                 continue
         raise Broken(
             f"on {case.name}: the result differs if {_PREPARING[subject.kind]} was called for other input "
@@ -141,16 +138,12 @@ def prepared_apart(subject: Subject) -> None:
 def in_two_threads(subject: Subject) -> None:
     """A call that starts while another call is running disturbs neither of them."""
     case, *others = _sibling_cases(subject)
-    home = getattr(sys.modules.get(type(subject.build()).__module__), "__file__", None)
-    first = partial(_copy_answer, subject, subject.build(), case)
-    alone, lines = _run_interrupted(first, first, home, 0)
+    alone, lines = _interrupted_answers(subject, case, case, 0)
     # The second call starts at some of the lines of the first call.
     for meanwhile in others[:1] + others[-1:]:
-        expected = [*alone, _copy_answer(subject, subject.build(), meanwhile)]
+        expected = [*alone, np.array(plain(subject, meanwhile))]
         for stop in sorted({int(line) for line in np.linspace(1, lines, _STOPS)} - {0}):
-            tool = subject.build()
-            outer, inner = (partial(_copy_answer, subject, tool, each) for each in (case, meanwhile))
-            results, _ = _run_interrupted(outer, inner, home, stop)
+            results, _ = _interrupted_answers(subject, case, meanwhile, stop)
             require(
                 all(map(same, results, expected)),
                 f"on {case.name}: its answer changes if another call starts meanwhile: pass the data of a "
@@ -158,43 +151,31 @@ def in_two_threads(subject: Subject) -> None:
             )
 
 
-def _copy_answer(subject: Subject, tool: Any, case: Case) -> Any:
-    return np.array(plain(subject, tool, case), copy=True)
+def _interrupted_answers(
+    subject: Subject, first: Case, second: Case, stop: int
+) -> tuple[list[NDArray[Any]], int]:
+    """Answer a case, and a second one in another thread from the ``stop``-th line of the component on.
 
-
-def _run_interrupted(
-    first: Callable[[], Any], second: Callable[[], Any], file: str | None, stop: int
-) -> tuple[list[Any], int]:
-    """Run a call in a thread, and start a second call at the ``stop``-th executed line of a file.
-
-    Return the results, and the number of lines of the file executed by the first call.
+    Return the results, and the number of lines that the first call executed.
     """
-    lines, started = 0, list[Future[Any]]()
+    lines, started, tool = 0, list[Future[Any]](), subject.build()
 
-    def trace(frame: FrameType, event: str, argument: Any) -> Any:
+    def copied_answer(case: Case) -> NDArray[Any]:
+        return np.array(plain(subject, case, tool))
+
+    def start_second(_: FrameType, event: str) -> None:
         nonlocal lines
-        if frame.f_code.co_filename != file:
-            return None
-        if event == "line":
-            lines += 1
-            if lines == stop:
-                started.append(pool.submit(second))
-                wait(started, timeout=_WAIT)
-        return trace
+        lines += event == "line"
+        if event == "line" and lines == stop:
+            started.append(pool.submit(copied_answer, second))
+            wait(started, timeout=_WAIT)
 
-    def run_traced() -> Any:
-        sys.settrace(trace)
+    with ThreadPoolExecutor(1) as pool:
         try:
-            return first()
-        finally:
-            sys.settrace(None)
-
-    with ThreadPoolExecutor(2) as pool:
-        try:
-            results = [pool.submit(run_traced).result(), *(call.result() for call in started)]
+            result = run_traced(subject, partial(copied_answer, first), start_second)
+            return [result, *(call.result() for call in started)], lines
         except Broken as error:
             raise Broken(f"while another call was under way: {error}") from error
-    return results, lines
 
 
 @law(*SIBLINGS)
@@ -222,7 +203,7 @@ def lets_go(subject: Subject) -> None:
 def _call_for_references(subject: Subject, tool: Any) -> list[Any]:
     """Call the component, and return weak references to the input and its arrays."""
     case = next(_sibling_cases(subject))
-    answer(subject, tool, case)
+    answer(subject, case, tool)
     things = [value for value in case.given if isinstance(value, np.ndarray) or is_dataclass(value)]
     arrays = [attribute for value in things for attribute in getattr(value, "__dict__", {}).values()]
     return [
@@ -245,7 +226,7 @@ def _measure_usage(subject: Subject, tool: Any) -> Float:
     try:
         while len(usage) < 3 or (len(usage) < _MOST_ROUNDS and not _has_settled(usage)):
             for _ in range(_CALLS):
-                answer(subject, tool, case)
+                answer(subject, case, tool)
             gc.collect()
             usage.append((tracemalloc.get_traced_memory()[0], _open_files(), threading.active_count()))
     finally:
@@ -281,10 +262,10 @@ def a_level_is_its_blocks(subject: Subject, case: Case) -> None:
         "take sums, extremes and scales within each block (graph.block_ids, graph.offsets), never over the "
         "whole level, and keep nothing from the previous block"
     )
-    together = chunks(graph, plain(subject, tool, case))
+    together = chunks(graph, plain(subject, case, tool))
     # A few blocks alone, among them the largest.
     for block in {*range(0, graph.n_blocks, -(-graph.n_blocks // 5)), int(graph.sizes.argmax())}:
-        alone = plain(subject, subject.build(), _move_other_points(part_of_level(case, [block])))
+        alone = plain(subject, _move_other_points(part_of_level(case, [block])))
         require(
             same(alone, together[block]),
             f"a block of {len(alone)} cells has a different result alone than in the level: {remedy}",
@@ -292,7 +273,7 @@ def a_level_is_its_blocks(subject: Subject, case: Case) -> None:
     # Some of the blocks in another order.
     order = np.random.default_rng(3).permutation(graph.n_blocks)[:20]
     shuffled = part_of_level(case, order)
-    for block, part in zip(order, chunks(shuffled.given[0], plain(subject, tool, shuffled)), strict=True):
+    for block, part in zip(order, chunks(shuffled.given[0], plain(subject, shuffled, tool)), strict=True):
         require(
             same(part, together[block]),
             f"a block of {len(part)} cells has a different result in another order of blocks: {remedy}",
@@ -318,11 +299,10 @@ _MOST_VALUES = 200  # larger cases test nothing new
 def never_written(subject: Subject) -> None:
     """Given arrays are never changed, not even temporarily, and are read anew in each call."""
     small = [case for case in questions(subject) if (case.size or 0) <= _MOST_VALUES]
-    owned = [copy for case in small if arrays_in(copy := in_own_arrays(case))]
+    owned = [copy for case in small if _arrays_in(copy := _in_own_arrays(case))]
     for case in owned[-4:]:
         tool = subject.build()
-        folder = home(subject.kind, tool)
-        line = folder and find_writing_line(partial(answer, subject, tool, case), folder, arrays_in(case))
+        line = _writing_line(subject, tool, case)
         require(
             line is None,
             f"on {case.name}: the given arrays or the matrix are changed temporarily (line {line}): other "
@@ -330,11 +310,45 @@ def never_written(subject: Subject) -> None:
         )
         for _ in range(3):
             require(
-                same(plain(subject, tool, case), plain(subject, subject.build(), in_own_arrays(case))),
+                same(plain(subject, case, tool), plain(subject, _in_own_arrays(case))),
                 f"on {case.name}, with other values in the same arrays: its answer differs from that of a "
                 "fresh object: the same array object may hold other values, so never key a cache by id()",
             )
             _overwrite(case)
+
+
+def _in_own_arrays(case: Case) -> Case:
+    """Replace the arrays in a test case by writable copies; meshes and graphs stay read-only."""
+
+    def own_copy(value: Any) -> Any:
+        if isinstance(value, Linear) and sparse.issparse(value.A) and hasattr(value.A, "indptr"):
+            return replace(value, A=value.A.copy(), b=np.array(value.b))
+        return np.array(value) if isinstance(value, np.ndarray) and value.dtype.kind in "if" else value
+
+    return replace(case, given=tuple(map(own_copy, case.given)))
+
+
+def _arrays_in(case: Case) -> list[NDArray[Any]]:
+    """Return the writable arrays among the arguments of a test case, including those of sparse matrices."""
+    arrays: list[NDArray[Any]] = []
+    for value in case.given:
+        if isinstance(value, np.ndarray):
+            arrays.append(value)
+        elif isinstance(value, Linear):
+            arrays += [value.b, value.A.data, value.A.indices, value.A.indptr]
+    return [value for value in arrays if value.flags.writeable]
+
+
+def _writing_line(subject: Subject, tool: Any, case: Case) -> int | None:
+    """Return the first line of the component at which a given array has changed, or None."""
+    watched, lines = [(array, array.copy()) for array in _arrays_in(case)], list[int]()
+
+    def compare_arrays(frame: FrameType, _: str) -> None:
+        if not lines and any((array != before).any() for array, before in watched):
+            lines.append(frame.f_lineno)
+
+    run_traced(subject, partial(answer, subject, case, tool), compare_arrays)
+    return lines[0] if lines else None
 
 
 def _overwrite(case: Case) -> None:
@@ -344,7 +358,7 @@ def _overwrite(case: Case) -> None:
         problem.b[:] = problem.b[::-1].copy()
         problem.A.data *= 2.0
         return
-    for array in arrays_in(case):
+    for array in _arrays_in(case):
         array[:] = array[::-1].copy()
         if array.dtype.kind == "i":
             movable = np.flatnonzero((np.bincount(array)[array] > 1) & (array != array[0]))

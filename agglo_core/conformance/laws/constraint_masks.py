@@ -7,15 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from agglo_core.arrays import Int, Mask, frozen_int
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base import Broken, Case, Subject, in_words, law, require
 from agglo_core.conformance.base.own_components import own_components
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs.drawn import DrawnMesh, drawn_labels
 from agglo_core.conformance.inputs.mesh_cases import tag_cells_and_faces
 from agglo_core.conformance.inputs.mesh_changes import renumber_mesh
-from agglo_core.conformance.inputs.questions import answer, in_words
+from agglo_core.conformance.inputs.questions import answer
 from agglo_core.conformance.inputs.strategies import constraint_cases
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
@@ -106,7 +103,7 @@ def pieces_admissible(subject: Subject, case: Case) -> None:
         return
     cells = Case(f"{case.name}, cell by cell", (mesh, frozen_int(np.arange(mesh.n_cells))))
     require(
-        bool(answer(subject, subject.build(), cells)["admissible"].all()),
+        bool(answer(subject, cells)["admissible"].all()),
         f"on {cells.name}: a cell is not admissible, and cannot be split",
     )
     # Parts cut by the halves of the mesh; ``part_of_piece`` maps each piece to its part.
@@ -114,7 +111,7 @@ def pieces_admissible(subject: Subject, case: Case) -> None:
     finer = Case(f"{case.name}, parts halved", (mesh, frozen_int(number)))
     part_of_piece = np.empty(int(number.max()) + 1, np.int64)
     part_of_piece[number] = labels
-    piece_mask = answer(subject, subject.build(), finer)["admissible"]
+    piece_mask = answer(subject, finer)["admissible"]
     require(
         bool((piece_mask | ~answers["admissible"][part_of_piece]).all()),
         f"on {finer.name}: a piece of an admissible part is not admissible",
@@ -133,7 +130,7 @@ def constraint_kept(subject: Subject) -> None:
         ).levels[0]
     except AggloError as error:
         raise Broken(f"a run under it failed: {error}") from error
-    answers = answer(subject, tool, Case("the parts of a run", (mesh, labels)))
+    answers = answer(subject, Case("the parts of a run", (mesh, labels)), tool)
     require(
         "admissible" not in answers or bool(answers["admissible"].all()),
         "a part of a run is not admissible: return the same answer in every call",
@@ -158,9 +155,4 @@ def _pairs(graph: Graph, mask: Mask) -> Int:
 
 def _answer_unless_refused(subject: Subject, case: Case) -> dict[str, Mask]:
     """Return the masks of a constraint, or an empty dictionary if it refuses the test case."""
-    try:
-        return dict(answer(subject, subject.build(), case))
-    except Broken as error:
-        if isinstance(error.__cause__, AggloError):
-            return {}
-        raise
+    return dict(answer(subject, case, refusal={}))

@@ -10,13 +10,10 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from agglo_core.arrays import Float
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import law
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.base import Case, Subject, as_array, law, require, require_array
 from agglo_core.conformance.inputs.drawn import DrawnMesh
 from agglo_core.conformance.inputs.mesh_cases import solved
-from agglo_core.conformance.inputs.questions import answer, as_array, in_words, questions
+from agglo_core.conformance.inputs.questions import answer, questions
 from agglo_core.conformance.inputs.solver_cases import boundary_tags
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion
@@ -41,11 +38,8 @@ def _meshes(subject: Subject) -> list[Mesh]:
 @law("estimator", fixed=questions)
 def one_per_cell(subject: Subject, case: Case) -> None:
     """``indicate`` returns a finite number for each cell, not negative, and some of them are positive."""
-    values, cells = as_array(answer(subject, subject.build(), case)), case.given[0].mesh.n_cells
-    require(
-        values.shape == (cells,) and values.dtype.kind == "f",
-        f"indicate returned {in_words(values)}, expected {cells} numbers",
-    )
+    cells = case.given[0].mesh.n_cells
+    values = require_array(answer(subject, case), (cells,), "f", what="indicate")
     require(
         bool(np.isfinite(values).all() and values.min() >= 0.0),
         f"the indicators lie in {values.min()}..{values.max()}, expected finite numbers that are not "

@@ -6,10 +6,8 @@ import contextlib
 import io
 from pathlib import Path
 
-from agglo_core.conformance.base.law import ASKED, law
-from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base import ASKED, Broken, Subject, law, require
 from agglo_core.conformance.base.surroundings import Snapshot, enter_empty_folder, stdout_of_process
-from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs.cases import cases, failing
 from agglo_core.conformance.inputs.mesh_cases import TAG
 from agglo_core.conformance.inputs.questions import (
@@ -102,7 +100,7 @@ def surroundings_kept(subject: Subject) -> None:
     test_cases = [*questions(subject), *small]
     for case in test_cases[:1]:
         with contextlib.suppress(Broken):
-            answer(subject, subject.build(), case)  # the first call may import modules
+            answer(subject, case)  # the first call may import modules
     before.restore()
     for case in test_cases:
         given, before, printed = dict(fingerprints(case.given)), Snapshot(), io.StringIO()
@@ -113,7 +111,7 @@ def surroundings_kept(subject: Subject) -> None:
             global_random(1) as random_kept,
         ):
             with contextlib.suppress(Broken):  # judged by other laws
-                answer(subject, subject.build(), case)
+                answer(subject, case)
             text = printed.getvalue() or read_output().decode(errors="replace")
             new_files = sorted(path.name for path in folder.iterdir())
             left_folder = Path.cwd() != folder
@@ -147,4 +145,4 @@ def answers(subject: Subject) -> None:
         test_cases or subject.kind not in _REFUSING or _only_reads(subject), _REFUSING.get(subject.kind, "")
     )
     for case in [*test_cases, *select_accepted(subject, cases(subject.kind, "one cell"))]:
-        answer(subject, subject.build(), case)
+        answer(subject, case)

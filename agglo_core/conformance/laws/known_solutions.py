@@ -12,10 +12,7 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import law
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.base import Case, Subject, law, require
 from agglo_core.conformance.inputs.problem_strategies import plates, solver_cases
 from agglo_core.conformance.inputs.solver_answers import (
     gap,

@@ -12,10 +12,7 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import law
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import ATTRIBUTES, FORM, require
+from agglo_core.conformance.base import ATTRIBUTES, Case, Subject, law, require, require_array
 from agglo_core.conformance.inputs.cases import mesh_case
 from agglo_core.conformance.inputs.drawn import DrawnMesh, beside
 from agglo_core.conformance.inputs.mesh_changes import (
@@ -27,7 +24,7 @@ from agglo_core.conformance.inputs.mesh_changes import (
 )
 from agglo_core.conformance.inputs.metric_cases import HAND, by_hand, halve_faces, layouts
 from agglo_core.conformance.inputs.option_values import option_choices
-from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
+from agglo_core.conformance.inputs.questions import answer, plain
 from agglo_core.conformance.inputs.strategies import metric_cases
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
@@ -70,14 +67,9 @@ def _many_parts(_: Subject) -> list[Case]:
 @law("metric", draw=metric_cases, fixed=_many_parts)
 def value_array(subject: Subject, case: Case) -> None:
     """Values form an array of shape (k,), with one number per agglomerate."""
-    result = answer(subject, subject.build(), case)
-    values = as_array(result)
-    require(
-        values.shape == (case.size,) and values.dtype.kind in "biuf",
-        f"it returned {in_words(result)}, expected an array of shape ({case.size},) of numbers, one for "
-        "each of the labels 0..k-1: not one per cell, not a mean",
-        FORM,
-    )
+    parts = int(case.given[1].max()) + 1
+    remedy = "one number for each of the labels 0..k-1, not one per cell, not a mean"
+    require_array(answer(subject, case), (parts,), "iubf", remedy)
 
 
 def _round_parts(subject: Subject) -> list[Case]:
@@ -90,7 +82,7 @@ def _round_parts(subject: Subject) -> list[Case]:
 def within_bounds(subject: Subject, case: Case) -> None:
     """Values are finite, or NaN if ``undefined`` is set, and lie within the declared bounds."""
     tool = subject.build()
-    values = plain(subject, tool, case)
+    values = plain(subject, case, tool)
     missing = np.isnan(values) & _declares(subject, "undefined")
     bad = np.flatnonzero(~np.isfinite(values) & ~missing)
     require(
@@ -120,7 +112,7 @@ def _known_name(subject: Subject) -> str:
 def hand_values(subject: Subject) -> None:
     """Metrics with known names have the values computed by hand for squares, bars, an L and a ring."""
     for case, expected in zip(by_hand(), HAND[_known_name(subject)], strict=True):
-        values = plain(subject, subject.build(), case)
+        values = plain(subject, case)
         _require_close(subject, case, values, np.array(expected), f"on {case.name}", "see the definition")
 
 
@@ -132,10 +124,10 @@ def homogeneous(subject: Subject, case: Case) -> None:
     powers = {declared}
     if case.given[0].dim == 3:
         powers |= {declared + k for k in np.sign(declared) * np.arange(abs(declared) + 1)} | {2 * declared}
-    before = plain(subject, subject.build(), case)
+    before = plain(subject, case)
     for scale in _SCALES:
         scaled = _with_mesh(case, transform_mesh(case.given[0], Change(scale=scale)))
-        values = plain(subject, subject.build(), scaled)
+        values = plain(subject, scaled)
         powers = {power for power in powers if _is_scaled(subject, case, values, before, scale**power)}
         require(
             powers,
@@ -153,12 +145,12 @@ def _is_scaled(subject: Subject, case: Case, values: Float, before: Float, facto
 @law("metric", draw=metric_cases, examples=50)
 def rigid_motion(subject: Subject, case: Case) -> None:
     """Translations change no value, nor do rotations and reflections unless ``directional`` is set."""
-    before = plain(subject, subject.build(), case)
+    before = plain(subject, case)
     for name, change in MOTIONS.items():
         if not (_declares(subject, "directional") and (change.turned or change.mirror)):
             moved = _with_mesh(case, transform_mesh(case.given[0], change))
             _require_close(
-                subject, case, plain(subject, subject.build(), moved), before, f"on {case.name} {name}",
+                subject, case, plain(subject, moved), before, f"on {case.name} {name}",
                 "measure lengths and angles, not coordinates (or set directional = True if the metric "
                 "refers to the axes); mesh.local_points keeps precision far from 0",
             )  # fmt: skip
@@ -168,15 +160,15 @@ def rigid_motion(subject: Subject, case: Case) -> None:
 def renaming(subject: Subject, case: Case) -> None:
     """Values follow the agglomerate labels and do not depend on the numbering of the mesh."""
     mesh, labels = case.given
-    before = plain(subject, subject.build(), case)
+    before = plain(subject, case)
     remedy = "entry i must belong to label i, whatever the order of the cells"
     names = np.roll(np.random.default_rng(len(before)).permutation(len(before)), 1)
     renamed = replace(case, given=(mesh, frozen_int(names[labels])))
-    values = plain(subject, subject.build(), renamed)[names]
+    values = plain(subject, renamed)[names]
     _require_close(subject, case, values, before, f"on {case.name} with labels renamed", remedy)
     other, order = renumber_mesh(mesh)
     renumbered = replace(case, given=(turn_inner_faces(other), frozen_int(labels[order])))
-    values = plain(subject, subject.build(), renumbered)
+    values = plain(subject, renumbered)
     where = f"on {case.name} with cells, faces, their two sides and points renumbered"
     _require_close(subject, case, values, before, where, remedy)
 
@@ -192,13 +184,13 @@ def shape_only_is_true(subject: Subject, case: Case) -> None:
     mesh, labels = case.given
     coarse = mesh.coarsen(labels)
     cells = frozen_int(np.arange(coarse.n_cells))
-    before = plain(subject, subject.build(), case)
+    before = plain(subject, case)
     for name, given in {
         "with one cell for each part": (coarse, cells),
         "with all faces cut": (halve_faces(mesh), labels),
     }.items():
         _require_close(
-            subject, case, plain(subject, subject.build(), replace(case, given=given)), before,
+            subject, case, plain(subject, replace(case, given=given)), before,
             f"on {case.name} {name}", "use only the outline, however it is divided into edges, or drop "
             "shape_only = True",
         )  # fmt: skip
@@ -208,13 +200,13 @@ def shape_only_is_true(subject: Subject, case: Case) -> None:
 def far_parts_do_not_matter(subject: Subject, case: Case) -> None:
     """The value of an agglomerate does not depend on distant cells and parts, unless ``relative`` is set."""
     mesh, labels = case.given
-    before = plain(subject, subject.build(), case)
+    before = plain(subject, case)
     remedy = "set relative = True if a value is relative to those of all parts, as diam(P) / h is"
     # Another component beside the mesh, with larger cells that form a part of their own.
     other = DrawnMesh("rectangles" if mesh.dim == 2 else "boxes", cells=4).mesh
     other = replace(other, points=other.points * (3.0 * float(np.ptp(mesh.points[:, 0]))))
     wider = (beside(mesh, other), np.append(labels, np.full(other.n_cells, len(before))))
-    values = plain(subject, subject.build(), replace(case, given=wider))[:-1]
+    values = plain(subject, replace(case, given=wider))[:-1]
     _require_close(subject, case, values, before, f"on {case.name}, with another component far away", remedy)
     # All parts that do not touch part 0 become one part.
     offsets, vertices = mesh.cell_vertices
@@ -223,7 +215,7 @@ def far_parts_do_not_matter(subject: Subject, case: Case) -> None:
     if np.count_nonzero(~near) > 1:
         names = np.unique(np.where(near, np.arange(len(before)), len(before)), return_inverse=True)[1]
         joined = replace(case, given=(mesh, frozen_int(names[labels])))
-        values = plain(subject, subject.build(), joined)[:1]
+        values = plain(subject, joined)[:1]
         _require_close(
             subject, case, values, before[:1], f"on {case.name}, with the far parts joined", remedy
         )
@@ -237,11 +229,11 @@ def better_is_better(subject: Subject) -> None:
     worst = []
     for framed in (False,) if relative else (False, True):
         squares, others = layouts(framed)
-        values = plain(subject, tool, squares)[:16].astype(float)
+        values = plain(subject, squares, tool)[:16].astype(float)
         require(np.isfinite(values).all(), f"on {squares.name}: values are {values}, expected finite values")
         if np.ptp(values) > _CIRCLES * np.abs(values).max() or _declares(subject, "directional"):
             return  # the metric depends on position
-        means = [plain(subject, tool, case)[:16].astype(float).mean() for case in others]
+        means = [plain(subject, case, tool)[:16].astype(float).mean() for case in others]
         gains = sign * (np.array([mean for mean in means if np.isfinite(mean)]) - values.mean())
         slack = 1e-6 * max(map(abs, (values.mean(), *means)))
         worst.append(np.all(gains >= -slack) and np.count_nonzero(gains > slack) > 1)
@@ -284,11 +276,8 @@ def changes_add_up(subject: Subject, case: Case) -> None:
         cells, parts = _moves(graph, current)
         if not len(cells):
             return
-        changes = np.asarray(tool.changes(graph, current, cells, parts))
-        require(
-            changes.shape == cells.shape,
-            f"changes returned {in_words(changes)} for {len(cells)} moves, expected one value per move",
-        )
+        given = tool.changes(graph, current, cells, parts)
+        changes = require_array(given, cells.shape, "iuf", "one value for each move", "changes")
         before = _sum_of_values(subject, tool, mesh, current)
         moves = zip(cells, parts, strict=True)
         sums = np.array([_sum_of_values(subject, tool, mesh, _moved(current, *move)) for move in moves])
@@ -323,7 +312,7 @@ def _moved(labels: Int, cell: int, part: int) -> Int:
 
 
 def _sum_of_values(subject: Subject, tool: Any, mesh: Mesh, labels: Int) -> float:
-    return float(plain(subject, tool, Case("after a move", (mesh, frozen_int(labels)))).sum())
+    return float(plain(subject, Case("after a move", (mesh, frozen_int(labels))), tool).sum())
 
 
 def _with_mesh(case: Case, mesh: Mesh) -> Case:

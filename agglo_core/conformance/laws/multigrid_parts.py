@@ -12,13 +12,9 @@ from scipy.linalg import eigh
 from scipy.sparse.linalg import spsolve
 
 from agglo_core.arrays import Float, frozen_float
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import law
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import FORM, Broken, require
-from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
+from agglo_core.conformance.base import Case, Subject, as_array, in_words, law, require, require_array
+from agglo_core.conformance.inputs.questions import REFUSED, answer, plain
 from agglo_core.conformance.inputs.strategies import coarsening_cases
-from agglo_core.errors import AggloError
 from agglo_core.problems import CoarseSpace
 
 _EXAMPLES = 30  # drawn levels for each law
@@ -119,12 +115,9 @@ def _space(subject: Subject, case: Case) -> CoarseSpace | None:
 
     Return None if the transfer refuses parts with unequal numbers of unknowns.
     """
-    try:
-        result = answer(subject, subject.build(), case)
-    except Broken as error:
-        if case.given[0].injected is None and isinstance(error.__cause__, AggloError):
-            return None
-        raise
+    result = answer(subject, case, refusal=REFUSED if case.given[0].injected is None else None)
+    if result is REFUSED:
+        return None
     space = result if isinstance(result, CoarseSpace) else CoarseSpace(result)
     return replace(space, P=_matrix(case, space.P, (case.given[0].A.shape[0], None)))
 
@@ -169,20 +162,14 @@ def coarse_energy_kept(subject: Subject, case: Case) -> None:
 def _coarse_matrix(subject: Subject, case: Case) -> Any:
     """Return the matrix of a coarse operator as a matrix of floats."""
     m = case.given[1].shape[1]
-    return _matrix(case, answer(subject, subject.build(), case), (m, m))
+    return _matrix(case, answer(subject, case), (m, m))
 
 
 @law("coarse_solver", draw=coarsening_cases, examples=_EXAMPLES)
 def coarse_error_reduced(subject: Subject, case: Case) -> None:
     """``solver_for(A)`` returns a function b ↦ x ``(n,)`` with relative energy error at most 10 %."""
     A, b = case.given
-    result = answer(subject, subject.build(), case)
-    x = as_array(result)
-    require(
-        x.shape == b.shape and x.dtype.kind == "f",
-        f"solve(b) returned {in_words(result)}, expected floats of shape {b.shape}",
-        FORM,
-    )
+    x = require_array(answer(subject, case), b.shape, "f", what="solve(b)")
     exact = np.atleast_1d(spsolve(sparse.csc_array(A), b))
     error = x - exact
     relative_error = float(np.sqrt((error @ (A @ error)) / (exact @ (A @ exact))))
@@ -199,7 +186,7 @@ def coarse_solver_symmetric(subject: Subject, case: Case) -> None:
     A = case.given[0]
     require_linear_and_symmetric(
         A.shape[0],
-        lambda b: plain(subject, subject.build(), Case(case.name, (A, frozen_float(b)))),
+        lambda b: plain(subject, Case(case.name, (A, frozen_float(b)))),
         "iterations that stop by a tolerance are not linear; drop the promise symmetric",
         rounding=1e-6,
     )

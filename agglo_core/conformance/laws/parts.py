@@ -11,18 +11,8 @@ from scipy.sparse.csgraph import connected_components
 
 from agglo_core.agglomeration.border import broken_blocks
 from agglo_core.arrays import Float, Int, frozen_int
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import law
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import FORM, Broken, require
-from agglo_core.conformance.inputs.questions import (
-    answer,
-    as_array,
-    chunks,
-    in_words,
-    large_graphs,
-    plain,
-)
+from agglo_core.conformance.base import Broken, Case, Subject, law, require, require_array
+from agglo_core.conformance.inputs.questions import answer, chunks, large_graphs, plain
 from agglo_core.conformance.inputs.speed import TIME_LIMIT, too_slow
 from agglo_core.conformance.inputs.strategies import graph_cases
 from agglo_core.graph import Graph
@@ -45,14 +35,7 @@ def bounded_time(subject: Subject) -> None:
 def label_array(subject: Subject, case: Case) -> None:
     """Labels form an array of integers of shape (n,), and each block keeps its set of labels."""
     graph, labels = case.given[:2]
-    returned = answer(subject, subject.build(), case)
-    result = as_array(returned)
-    require(
-        result.shape == (graph.n,) and result.dtype.kind in "iub",
-        f"it returned {in_words(returned)}, expected an array of integers of shape ({graph.n},): one label "
-        "for each cell",
-        FORM,
-    )
+    result = require_array(answer(subject, case), (graph.n,), "iub", "one label for each cell")
     for b, (before, after) in enumerate(zip(chunks(graph, labels), chunks(graph, result), strict=True)):
         had, has = set(before.tolist()), set(after.tolist())
         lost, new = min(had - has, default=None), min(has - had, default=None)
@@ -72,7 +55,7 @@ def components_not_raised(subject: Subject, case: Case) -> None:
     """No part has more connected components than before, and after a fixer each part is connected."""
     graph, labels = case.given[:2]
     had = loose_parts(graph, labels)
-    for (block, part), pieces in loose_parts(graph, plain(subject, subject.build(), case)).items():
+    for (block, part), pieces in loose_parts(graph, plain(subject, case)).items():
         fixed = subject.kind == "fixer"
         require(
             pieces <= (1 if fixed else had.get((block, part), 0)),
@@ -118,7 +101,7 @@ def objective_kept(subject: Subject, case: Case) -> None:
         return
     graph, labels = case.given[:2]
     value = _in_blocks(OBJECTIVES[name]) if name in OBJECTIVES else _sum_of_metric(subject, tool, case)
-    before, after = (np.atleast_1d(value(graph, each)) for each in (labels, plain(subject, tool, case)))
+    before, after = (np.atleast_1d(value(graph, each)) for each in (labels, plain(subject, case, tool)))
     worst = np.argmax(after - before - 1e-9 * np.abs(before))
     require(
         after[worst] <= before[worst] + 1e-9 * abs(before[worst]),
@@ -158,7 +141,7 @@ def connected_left_alone(subject: Subject, case: Case) -> None:
     """Labels stay unchanged in blocks whose parts are all connected."""
     graph, labels = case.given
     broken = np.isin(graph.block_ids, broken_blocks(graph, labels))
-    changed = np.flatnonzero((plain(subject, subject.build(), case) != labels) & ~broken)
+    changed = np.flatnonzero((plain(subject, case) != labels) & ~broken)
     require(
         not len(changed),
         f"{len(changed)} cells changed part in blocks whose parts were all connected: leave such blocks "
@@ -177,7 +160,7 @@ def moves_tested(subject: Subject, case: Case) -> None:
     if target.h_star is None:
         return
     parts = numbered_parts(graph, labels)
-    result = numbered_parts(graph, frozen_int(plain(subject, subject.build(), case)))
+    result = numbered_parts(graph, frozen_int(plain(subject, case)))
     before, after = graph.part_diameters(parts), graph.part_diameters(result)
     limit = max(target.h_star, float(before.max())) * (1.0 + 1e-9)
     require(

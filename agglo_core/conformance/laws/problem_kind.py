@@ -7,11 +7,8 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import law
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import Broken, require
-from agglo_core.conformance.inputs.questions import answer, digest, in_words, questions, same
+from agglo_core.conformance.base import Broken, Case, Subject, in_words, law, require
+from agglo_core.conformance.inputs.questions import answer, digest, questions, same
 from agglo_core.conformance.inputs.strategies import mesh_cases
 from agglo_core.errors import AggloError
 from agglo_core.registry.containment import PLUGIN_FAILURES
@@ -41,7 +38,7 @@ def kind_named(subject: Subject) -> None:
 def example_given(subject: Subject, case: Case) -> None:
     """``example(mesh)`` returns a problem of its own class, which is immutable, on every mesh."""
     tool = subject.build()
-    example = answer(subject, tool, case)
+    example = answer(subject, case, tool)
     require(
         isinstance(example, _class_of(tool)),
         f"example returned {in_words(example)}, expected a {_class_of(tool).__name__}",

@@ -11,11 +11,8 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import frozen_int
+from agglo_core.conformance.base import ASKED, Broken, Case, Subject, law, require
 from agglo_core.conformance.base.asking import for_target
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import ASKED, law
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs.mesh_changes import MOTIONS, Change, renumber_mesh, transform_mesh
 from agglo_core.conformance.inputs.questions import answer, digest, plain, questions, same
 from agglo_core.conformance.inputs.strategies import irregular_cases
@@ -37,8 +34,8 @@ def _kinds_with_promise(promise: str) -> tuple[str, ...]:
 def deterministic(subject: Subject) -> None:
     """The result depends only on the input, not on the seed or on other calls."""
     tool, test_cases = subject.build(), questions(subject)
-    first = [plain(subject, tool, case) for case in test_cases]
-    second = [plain(subject, tool, case) for case in reversed(questions(subject, seed=1))]
+    first = [plain(subject, case, tool) for case in test_cases]
+    second = [plain(subject, case, tool) for case in reversed(questions(subject, seed=1))]
     for case, a, b in zip(test_cases, first, reversed(second), strict=True):
         require(
             same(a, b),
@@ -58,7 +55,7 @@ _CHANGES = {
 @law("bisector", "refiner", "fixer", draw=irregular_cases, promise="invariant", examples=8)
 def invariant(subject: Subject, case: Case) -> None:
     """Renumbering, moving or scaling an asymmetric mesh changes no result (sides may be exchanged)."""
-    before = plain(subject, subject.build(), case)
+    before = plain(subject, case)
     assert case.mesh is not None
     for name, change in _CHANGES.items():
         mesh, order = transform_mesh(case.mesh, change), frozen_int(np.arange(len(before)))
@@ -67,7 +64,7 @@ def invariant(subject: Subject, case: Case) -> None:
         arguments = case.given[1:]
         if subject.kind != "bisector":
             arguments = (frozen_int(arguments[0][order]), *arguments[1:])
-        after = plain(subject, subject.build(), replace(case, given=(mesh.graph, *arguments)))
+        after = plain(subject, replace(case, given=(mesh.graph, *arguments)))
         changed = np.count_nonzero(before[order] != after)
         if subject.kind == "bisector":
             changed = min(changed, np.count_nonzero(before[order] == after))
@@ -83,7 +80,7 @@ def pickles(subject: Subject) -> None:
     """The component can be pickled, for use in another process."""
     tool = subject.build()
     if subject.kind == "problem":
-        for example in (answer(subject, tool, case) for case in questions(subject)):
+        for example in (answer(subject, case, tool) for case in questions(subject)):
             require(
                 same(digest(_copy_by_pickle(example)), digest(example)),
                 "the pickled example is another problem",
@@ -92,7 +89,7 @@ def pickles(subject: Subject) -> None:
     copy = _copy_by_pickle(tool)
     for case in questions(subject):
         require(
-            same(plain(subject, tool, case), plain(subject, copy, case)),
+            same(plain(subject, case, tool), plain(subject, case, copy)),
             f"on {case.name}: the pickled copy answers differently: keep all state in attributes",
         )
 
@@ -159,16 +156,16 @@ def _require_independent_targets(subject: Subject, targets: Sequence[Target]) ->
     for target in targets:
         with import_again(subject) as unused:
             tool = for_target(unused.build(), target)
-            expected[target] = [plain(unused, tool, case) for case in test_cases]
+            expected[target] = [plain(unused, case, tool) for case in test_cases]
     # Compare with the answers of bisectors made by one object, for both orders of the targets.
     for order in (targets, targets[::-1]):
         tool = subject.build()
-        before = [plain(subject, tool, case) for case in test_cases]
+        before = [plain(subject, case, tool) for case in test_cases]
         made = [(for_target(tool, target), target) for target in order]
         for bisector, target in made:
             require(
                 all(
-                    same(plain(subject, bisector, case), sides)
+                    same(plain(subject, case, bisector), sides)
                     for case, sides in zip(test_cases, expected[target], strict=True)
                 ),
                 f"for {target} its answer changes once for_target was called for another target: key any "
@@ -176,7 +173,7 @@ def _require_independent_targets(subject: Subject, targets: Sequence[Target]) ->
             )
         require(
             all(
-                same(plain(subject, tool, case), sides)
+                same(plain(subject, case, tool), sides)
                 for case, sides in zip(test_cases, before, strict=True)
             ),
             "its answer changes after for_target was called for another target: return a new object, and "

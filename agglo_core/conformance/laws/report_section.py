@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from html.parser import HTMLParser
 
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import law
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import require
-from agglo_core.conformance.inputs.questions import answer, in_words
+from agglo_core.conformance.base import Case, Subject, in_words, law, require
+from agglo_core.conformance.inputs.questions import answer
 from agglo_core.conformance.inputs.strategies import section_cases
 
 
@@ -41,7 +38,7 @@ def titled(subject: Subject) -> None:
 @law("section", draw=section_cases, examples=20)
 def static_html(subject: Subject, case: Case) -> None:
     """``html`` returns text without scripts, event handlers or external resources, and escapes names."""
-    html = answer(subject, subject.build(), case)
+    html = answer(subject, case)
     require(isinstance(html, str), f"html returned {in_words(html)}, expected a string")
     mesh, runs = case.given
     texts = [mesh.name, *mesh.cell_tags, *(text for run in runs for text in (run.name, run.error))]

@@ -12,11 +12,9 @@ from typing import Any
 
 from scipy.spatial import cKDTree
 
-from agglo_core.conformance.base.law import law
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.base import Subject, in_words, law, require
 from agglo_core.conformance.inputs.option_values import option_choices, option_values
-from agglo_core.conformance.inputs.questions import digest, in_words
+from agglo_core.conformance.inputs.questions import digest
 from agglo_core.errors import AggloError
 from agglo_core.mesh import Mesh
 from agglo_core.registry.options import options_of

@@ -10,12 +10,9 @@ import numpy as np
 from scipy.linalg import eigh
 
 from agglo_core.arrays import Float, frozen_float
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import law
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import FORM, Broken, require
+from agglo_core.conformance.base import Broken, Case, Subject, as_array, in_words, law, require, require_array
 from agglo_core.conformance.inputs.cases import cases
-from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
+from agglo_core.conformance.inputs.questions import answer, plain
 from agglo_core.conformance.inputs.strategies import smoother_cases
 from agglo_core.conformance.laws.multigrid_parts import require_linear_and_symmetric
 from agglo_core.registry.containment import PLUGIN_FAILURES
@@ -28,14 +25,8 @@ _GONE = 1e-8  # share of the error that counts as none
 @law("smoother", draw=smoother_cases, examples=_EXAMPLES)
 def smoothed_array(subject: Subject, case: Case) -> None:
     """``setup(level)`` returns a function of (b, x) whose result is real with shape (n,)."""
-    result = answer(subject, subject.build(), case)
-    x = as_array(result)
-    require(
-        x.shape == (case.size,) and x.dtype.kind == "f",
-        f"smooth(b, x) returned {in_words(result)}, expected floats of shape ({case.size},): return all of "
-        "the new x, not a correction or matrix",
-        FORM,
-    )
+    remedy = "return all of the new x, not a correction or matrix"
+    require_array(answer(subject, case), case.given[1].shape, "f", remedy, "smooth(b, x)")
 
 
 @law("smoother", draw=smoother_cases, examples=_EXAMPLES)
@@ -107,7 +98,7 @@ def smoother_symmetric(subject: Subject, case: Case) -> None:
 def _smoothed(subject: Subject, case: Case, b: Float, x: Float) -> Float:
     """Apply a smoother to a right-hand side and an approximation, both ``(n,)``."""
     new_case = Case(case.name, (case.given[0], frozen_float(b), frozen_float(x)))
-    return plain(subject, subject.build(), new_case)
+    return plain(subject, new_case)
 
 
 def _share_left(subject: Subject, case: Case, error: Float) -> float:
@@ -128,12 +119,9 @@ def both_sides(subject: Subject, case: Case) -> None:
     """``before(b)`` returns new arrays x and b − A x, ``after(b, x)`` returns x, and both leave b alone."""
     A, b = case.given[0].A, np.array(case.given[1])
     x, r = _before(subject, case, b)
-    for name, array in (("x", x), ("residual", r), ("x", _after(subject, case, b, np.array(case.given[2])))):
-        require(
-            array.shape == b.shape and array.dtype.kind == "f",
-            f"{name} is {in_words(array)}, expected floats of shape {b.shape}: before(b) returns the pair "
-            "(x, b − A x), after(b, x) the new x",
-        )
+    for array, method in ((x, "before"), (r, "before"), (_after(subject, case, b, case.given[2]), "after")):
+        remedy = "before(b) returns the pair (x, b − A x), after(b, x) the new x"
+        require_array(array, b.shape, "f", remedy, method)
     require(
         np.array_equal(b, case.given[1]) and not (np.shares_memory(x, b) or np.shares_memory(r, b)),
         "b, which the cycle still needs, was changed or returned by before or after: use a copy",

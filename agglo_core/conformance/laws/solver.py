@@ -13,10 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import law
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.base import Broken, Case, Subject, law, require
 from agglo_core.conformance.inputs.cases import with_problem
 from agglo_core.conformance.inputs.drawn import DrawnMesh
 from agglo_core.conformance.inputs.problem_strategies import linear_cases, solver_cases
@@ -259,25 +256,6 @@ def columns_solved(subject: Subject, case: Case) -> None:
             f"on {case.name} with two right-hand sides, the second a million times smaller, it reports "
             f"convergence, but ‖b − A x‖ / ‖b‖ is {left}: test each column by itself, or refuse more than "
             "one",
-        )
-
-
-@law("solver", draw=solver_cases, examples=_EXAMPLES // 2)
-def each_solve_alone(subject: Subject, case: Case) -> None:
-    """Earlier solves do not change the result, even on the same hierarchy."""
-    if not isinstance(case.given[0], Diffusion | Linear):
-        return
-    tool, changed = subject.build(), _scaled(case, 3.0, 2.0)
-    kappa = getattr(case.given[0], "kappa", None)
-    reversed_cases = [with_problem(case, kappa=kappa[::-1])] if isinstance(kappa, np.ndarray) else []
-    for place, each in enumerate([case, changed, *reversed_cases, case]):
-        x, alone = solve(subject, each, tool).x, solve(subject, each).x
-        difference = gap(x, alone)
-        require(
-            difference <= 1e-6,
-            f"on {case.name}, after {place} other problems on the same hierarchy: x differs by "
-            f"{difference:.1e} from that of a fresh solver: keep no matrix, factorisation or initial guess "
-            "from the previous solve",
         )
 
 

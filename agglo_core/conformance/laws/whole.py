@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.conformance.base.case import Case
-from agglo_core.conformance.base.law import ASKED, law
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.base import ASKED, Broken, Case, Subject, law, require
 from agglo_core.conformance.inputs.multigrid_cases import PARTS
 from agglo_core.conformance.inputs.questions import (
     answer,
@@ -26,10 +23,10 @@ from agglo_core.registry import KINDS
 def same_seed_same_result(subject: Subject, case: Case) -> None:
     """Equal calls with equal seeds give equal results, by two objects with equal options or by one."""
     tool = subject.build()
-    first = answer(subject, tool, case)
+    first = answer(subject, case, tool)
     values = in_array(subject, case, first)
     for source, other in (("another", subject.build()), ("the same", tool)):
-        second = answer(subject, other, case)
+        second = answer(subject, case, other)
         solved_alike = getattr(first, "iterations", 0) == getattr(second, "iterations", 0)
         require(
             solved_alike and same(values, in_array(subject, case, second)),
@@ -52,11 +49,11 @@ def space(subject: Subject) -> None:
         require(test_cases or not subject.has("write"), "it refuses every 3-D mesh: drop the promise 3d")
     tool = subject.build()
     for case in questions(subject)[:1]:
-        plain(subject, tool, case)
+        plain(subject, case, tool)
     for case in test_cases:
-        values = plain(subject, subject.build(), case)
+        values = plain(subject, case)
         require(
-            same(values, plain(subject, tool, case)),
+            same(values, plain(subject, case, tool)),
             f"on {case.name}: its answer changes after a call on a 2-D mesh: keep no dimension in self",
         )
         # Undefined values of metrics are NaN.
@@ -68,7 +65,7 @@ def space(subject: Subject) -> None:
 def space_served_or_refused(subject: Subject, case: Case) -> None:
     """Without the promise 3d, 3-D meshes are handled or refused with an AggloError."""
     try:
-        plain(subject, subject.build(), case)
+        plain(subject, case)
     except Broken as error:
         if not isinstance(error.__cause__, AggloError):
             raise Broken(

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from importlib.util import module_from_spec
 
-from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base import Subject
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
 

@@ -19,10 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base import Broken, Case, Subject
 from agglo_core.conformance.base.handing_over import environment, subject_from, task_of
-from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.verdict import Broken
 from agglo_core.conformance.inputs.cases import with_tags
 from agglo_core.conformance.inputs.questions import plain, questions, select_accepted
 from agglo_core.errors import AggloError
@@ -115,4 +113,4 @@ def main() -> None:
 
 def _answers(subject: Subject) -> list[NDArray[Any]]:
     tool = subject.build()
-    return [plain(subject, tool, case) for case in cases_elsewhere(subject)]
+    return [plain(subject, case, tool) for case in cases_elsewhere(subject)]

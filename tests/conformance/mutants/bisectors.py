@@ -304,7 +304,7 @@ MUTANTS = [
     Mutant("side_array", RaisesOnRings, "no ends"),
     Mutant("answers", ScalesInPlace, "change a copy"),
     Mutant("surroundings_kept", AddsData, "work on a copy"),
-    Mutant("side_array", NamesOfSides, "integers, booleans or floats"),
+    Mutant("side_array", NamesOfSides, "integers or booleans or floats"),
     Mutant("side_array", ColumnOfSides, "shape"),
     Mutant("side_array", OneAndTwo, "subtract the smallest"),
     Mutant("side_array", FloatsAboveOne, "probabilities of side 1"),

@@ -160,7 +160,7 @@ CORRECT = [
 ]
 
 MUTANTS = [
-    Mutant("label_array", NamesOfParts, "an array of integers"),
+    Mutant("label_array", NamesOfParts, "expected integers or booleans"),
     Mutant("label_array", FixesToFloats, "integers"),
     Mutant("label_array", DropsALabel, "lost its last cell"),
     Mutant("label_array", RenumbersAcrossBlocks, "block"),

@@ -401,7 +401,7 @@ MUTANTS = [
     Mutant("far_parts_do_not_matter", SharesUnsaid, "relative = True"),
     Mutant("better_is_better", WorseIsBetter, "the other direction"),
     Mutant("better_is_better", Elongation, "the other direction"),
-    Mutant("value_array", CountsComplex, "of numbers"),
+    Mutant("value_array", CountsComplex, "booleans or floats"),
     Mutant("hand_values", Perimeter, "definition"),
     Mutant("shape_only_is_true", CountsCells, "drop shape_only"),
 ]

@@ -467,7 +467,7 @@ MUTANTS = [
     Mutant("scales_with_the_data", FixedTolerance, "not with a fixed number"),
     Mutant("scales_with_the_data", DividesByNothing, "only if it is nonzero"),
     Mutant("columns_solved", FirstColumnOnly, "each column by itself"),
-    Mutant("each_solve_alone", KeepsTheMatrix, "no matrix"),
+    Mutant("nothing_carried_over", KeepsTheMatrix, "key a cache"),
     Mutant("told_error_holds", FlatteringError, "from the residual of x"),
     Mutant("told_error_holds", OtherTests, "expected some of"),
     Mutant("told_error_holds", BlamesRounding, "misses the tolerance"),

@@ -1,14 +1,15 @@
-"""Reference pages: a list of the laws, and the built-in components' test results."""
+"""Table of agglo's own components tested against the laws of their kind.
+
+The table is ``docs/reference/compliance.md``, and printed by ``python docs/extensions/compliance.py``.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from agglo_core.conformance.base.law import Law
-from agglo_core.conformance.engine.judging import Result
-from agglo_core.conformance.engine.runner import check
-from agglo_core.conformance.laws import all_laws, laws_of
+from agglo_core.conformance import Result, check
 from agglo_core.registry import KINDS, Component, default
 
 _REGULAR = ("triangles", "squares", "hexagons", "strip", "disconnected", "boxes", "tetrahedra")
@@ -21,30 +22,11 @@ _OPTIONS: Mapping[str, Mapping[str, Any]] = {
 }
 """Values for required options of built-in components."""
 
-_LAWS_HEAD = """# The laws
-
-`agglo check` tests a component against the laws of its kind, in the order listed here. A law with a promise
-applies only to components that make this promise. A law cannot be switched off, except by a strict `xfail` in
-the author's own tests. This page is written by `python -m agglo_core.conformance laws`.
-"""
-
 _COMPLIANCE_HEAD = """# Compliance of agglo's own components
 
 Every component of the distribution, tested against the laws of its kind and those of its promises. This page
-is written by `python -m agglo_core.conformance compliance`.
+is written by `python docs/extensions/compliance.py`.
 """
-
-
-def laws_page() -> str:
-    """Return a Markdown page with the laws of each component kind: name, promise and statement."""
-    text = [
-        _LAWS_HEAD,
-        f"{len(all_laws())} laws in total; laws for several kinds are listed under each of them.\n",
-    ]
-    for kind in KINDS:
-        laws = laws_of(kind)
-        text.append(f"## {kind.capitalize()}: {len(laws)} laws\n\n{_table(laws)}")
-    return "\n".join(text)
 
 
 def compliance_page(results: Mapping[tuple[str, str], Sequence[Result]]) -> str:
@@ -91,14 +73,11 @@ def own_result(kind: str, name: str) -> list[Result]:
     return check(name, kind, options=_OPTIONS.get(name))
 
 
-def _table(laws: Sequence[Law]) -> str:
-    rows = [
-        f"| `{law.name}` | {f'`{law.promise}`' if law.promise else ''} | {law.sentence} |" for law in laws
-    ]
-    return "\n".join(["| law | promise | requirement |", "|---|---|---|", *rows]) + "\n"
-
-
 def _promises(kind: str, name: str) -> str:
     component = next(c for c in own_components() if (c.kind, c.name) == (kind, name))
     promises = component.promises.items()
     return ", ".join(f"`{key}`" if value is True else f"`{key}` {value}" for key, value in promises if value)
+
+
+if __name__ == "__main__":
+    sys.stdout.write(compliance_page(own_results()))
