@@ -20,7 +20,7 @@ from agglo_core.conformance.inputs.cases import (
     siblings,
 )
 from agglo_core.conformance.inputs.drawn import PLANE, SOLID, DrawnMesh
-from agglo_core.conformance.inputs.metric_cases import halve_faces
+from agglo_core.conformance.inputs.mesh_changes import halve_faces
 from agglo_core.conformance.inputs.questions import fingerprints, global_random
 from agglo_core.conformance.laws.parts import loose_parts
 from agglo_core.graph.objectives import OBJECTIVES

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Float, UInt64
+from agglo_core.arrays import UInt64
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.verdict import Broken
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
-from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
-from agglo_core.problems import MultigridLevel, Problem, require_accepted
+from agglo_core.problems import require_accepted
 from agglo_core.protocols import Target
 from agglo_core.registry import KINDS
 
@@ -24,23 +22,28 @@ from agglo_core.registry import KINDS
 def ask(kind: str, tool: Any, case: Case) -> Any:
     """Call a component with the arguments of a test case, and return the result unchecked.
 
-    Exceptions of the component propagate.
+    Exceptions of the component propagate. Problems are passed only if ``accepts`` lists their kind, as in
+    ``agglo solve``.
     """
-    special: dict[str, Callable[..., Any]] = {
-        "bisector": _sides,
-        "format": _read_back,
-        "smoother": _smooth,
-        "coarse_solver": _solve_exactly,
-        "constraint": _masks,
-        "solver": _solve,
-        "discretisation": _assemble,
-    }
-    if kind in special:
-        return special[kind](tool, *case.given)
-    if kind == "sample":  # building the sample was the call under test
-        return tool
-    method = "example" if kind == "problem" else KINDS[kind].methods[0]
-    return getattr(tool, method)(*case.given)
+    given = case.given
+    match kind:
+        case "sample":  # building the sample was the call under test
+            return tool
+        case "problem":
+            return tool.example(*given)
+        case "bisector":
+            return _sides(tool, *given)
+        case "format":
+            return _read_back(tool, *given)
+        case "constraint":
+            return _masks(tool, *given)
+        case "smoother":
+            return tool.setup(given[0])(*given[1:])
+        case "coarse_solver":
+            return tool.solver_for(given[0])(*given[1:])
+        case "solver" | "discretisation":
+            require_accepted(tool, given[0])
+    return getattr(tool, KINDS[kind].methods[0])(*given)
 
 
 def for_target(tool: Any, target: Target) -> Any:
@@ -104,25 +107,6 @@ def _read_back(tool: Any, mesh: Mesh, suffix: str) -> Any:
             raise Broken(
                 f"on {mesh.name}: it wrote {path.name} and then refused to read it: {error}"
             ) from None
-
-
-def _smooth(tool: Any, level: MultigridLevel, b: Float, x: Float) -> Any:
-    return tool.setup(level)(b, x)
-
-
-def _solve_exactly(tool: Any, A: Any, b: Float) -> Any:
-    return tool.solver_for(A)(b)
-
-
-def _solve(tool: Any, problem: Problem, hierarchy: Hierarchy) -> Any:
-    """Solve a problem, but only if ``accepts`` lists its kind (as in ``agglo solve``)."""
-    require_accepted(tool, problem)
-    return tool.solve(problem, hierarchy)
-
-
-def _assemble(tool: Any, problem: Problem, mesh: Mesh) -> Any:
-    require_accepted(tool, problem)
-    return tool.assemble(problem, mesh)
 
 
 def _masks(tool: Any, mesh: Mesh, labels: Any) -> dict[str, Any]:

@@ -88,7 +88,7 @@ def law(
     Parameters
     ----------
     *kinds : str
-        Kinds of component.
+        Kinds of component; by default all that may make the promise, except samples.
     draw : callable, optional
         Returns the hypothesis strategy of the test cases for a component, or None if there are none.
     fixed : callable, optional
@@ -111,7 +111,8 @@ def law(
                 except Broken as error:
                     raise _on_case(error, case) from error.__cause__
 
-        return Law(kinds, promise, when, judge if draw or fixed else holds)
+        those = kinds or tuple(kind for kind in ASKED if promise in KINDS[kind].promises)
+        return Law(those, promise, when, judge if draw or fixed else holds)
 
     return decorate
 

@@ -38,14 +38,12 @@ class Subject:
         Promises.
     registry : Registry, optional
         Registry for names; by default the installed plugins.
-    refused : dict
-        Cache of refused cases, because some formats take a second per case.
+    cache : dict
+        Refused cases, and the measured speed: some components take a second per case.
     thorough : bool
         Judge slow laws as well.
     draws : int
         Maximum number of drawn cases for each law.
-    pace : list
-        Cached result of the speed measurement (see :mod:`agglo_core.conformance.inputs.speed`).
     disturbed : list of str
         Process settings changed by building the component.
     goal : Target, optional
@@ -59,10 +57,9 @@ class Subject:
     options: Mapping[str, Any] = field(default_factory=dict)
     declared: Mapping[str, bool | float] = field(default_factory=dict)
     registry: Registry | None = None
-    refused: dict[Any, bool] = field(default_factory=dict, compare=False, repr=False)
+    cache: dict[Any, Any] = field(default_factory=dict, compare=False, repr=False)
     thorough: bool = False
     draws: int = 1000
-    pace: list[Any] = field(default_factory=list, compare=False, repr=False)
     disturbed: list[str] = field(default_factory=list, compare=False, repr=False)
     goal: Target | None = None
 

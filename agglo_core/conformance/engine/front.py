@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
-from agglo_core.conformance.base import Subject, subject_of
+from agglo_core.conformance.base import Law, subject_of
 from agglo_core.conformance.engine.judging import Result, judge, laws_for, report_once
 from agglo_core.conformance.engine.runner import check
 from agglo_core.conformance.laws import all_laws
@@ -28,7 +27,7 @@ def conformance(
 ) -> Callable[..., None]:
     """Make a pytest function that tests a component, with one test per law.
 
-    The first test, ``is_found``, fails if the component cannot be used or no law applies.
+    The first test, ``is_found``, fails if the component cannot be used.
 
     Parameters
     ----------
@@ -49,43 +48,32 @@ def conformance(
     """
     import pytest
 
+    arguments: dict[str, Any] = {"options": options, "promises": promises, "registry": registry}
     excused = dict(xfail or {})
-    # Errors found at import become failures of the test is_found, so that pytest can collect the file.
     if unknown := sorted(set(excused) - {law.name for law in all_laws()}):
         raise OptionError(f"xfail names {unknown[0]!r}, which is not a law")
+    # Errors found at import become failures of the test is_found, so that pytest can collect the file.
+    laws: dict[str, Law] = {}
     try:
-        subject: Subject | None = replace(
-            subject_of(component, kind, options=options, promises=promises, registry=registry),
-            thorough=thorough,
-        )
-        problem = ""
+        subject = replace(subject_of(component, kind, **arguments), thorough=thorough)
+        laws = {law.name: law for law in laws_for(subject)}
+        idle = sorted(set(excused) - set(laws))
+        problem = f"xfail names {idle[0]!r}, which does not apply here" if idle else ""
     except AggloError as error:
-        subject, problem = None, str(error)
+        problem = str(error)
     judged: list[Result] = []
 
-    @cache
-    def judge_in_child() -> Mapping[str, Result]:
-        results = check(
-            component, kind, timeout, options=options, promises=promises, registry=registry, thorough=thorough
-        )
-        return {result.law: result for result in results}
-
     def result_of(law: str) -> Result:
-        if timeout is not None:
-            results = judge_in_child()
-            if law not in results:
-                reasons = [result.message for result in results.values() if not result.passed]
-                pytest.fail(f"the check ended before this law: {'; '.join(reasons) or 'no reason is known'}")
-            return results[law]
-        assert subject is not None
-        judged.append(judge(laws[law], subject))
-        return report_once(judged)[-1]
+        if timeout is None:
+            judged.append(judge(laws[law], subject))
+            return report_once(judged)[-1]
+        judged[:] = judged or check(component, kind, timeout, **arguments, thorough=thorough)
+        if found := [result for result in judged if result.law == law]:
+            return found[0]
+        reasons = "; ".join(result.message for result in judged if not result.passed)
+        pytest.fail(f"the check ended before this law: {reasons or 'no reason is known'}")
 
-    laws = {law.name: law for law in laws_for(subject)} if subject else {}
-    if idle := sorted(set(excused) - set(laws)):
-        problem = problem or f"xfail names {idle[0]!r}, which does not apply here"
     parameters: list[Any] = ["is_found"]
-    # Parametrise over the laws and mark the expected failures.
     for name in laws:
         marks = [pytest.mark.xfail(strict=True, reason=excused[name])] if name in excused else []
         parameters.append(pytest.param(name, marks=marks))
@@ -94,9 +82,7 @@ def conformance(
     def test(law: str) -> None:
         if law == "is_found":
             assert not problem, problem
-            assert laws, "no law applies to it"
             return
-        assert subject is not None
         result = result_of(law)
         if result.state == "not run":
             pytest.skip(result.message)

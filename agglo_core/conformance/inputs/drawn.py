@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Literal
@@ -14,7 +15,13 @@ from scipy.sparse.csgraph import dijkstra
 from agglo_core import samples
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.conformance.inputs import small_meshes
-from agglo_core.conformance.inputs.mesh_changes import Change, renumber_mesh, transform_mesh
+from agglo_core.conformance.inputs.mesh_changes import (
+    Change,
+    beside,
+    renumber_mesh,
+    transform_mesh,
+    without_cell,
+)
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 
@@ -127,7 +134,7 @@ class DrawnMesh(Recipe):
         if self.hole and mesh.n_cells >= 9:
             centres = mesh.local_centroids
             middle = np.linalg.norm(centres - centres.mean(axis=0), axis=1).argmin()
-            mesh = _without_cell(mesh, int(middle))
+            mesh = without_cell(mesh, int(middle))
         for _ in range(self.copies - 1):
             mesh = beside(mesh, _family(replace(self, hole=False)))
         if self.stretch != 1.0:
@@ -320,89 +327,40 @@ def _family(recipe: DrawnMesh) -> Mesh:
 @lru_cache(maxsize=2048)  # a law draws equal recipes for all components
 def _build_family(recipe: DrawnMesh) -> Mesh:
     n, seed = recipe.cells, recipe.seed
-    side = max(1, round(n**0.5))
-    if recipe.family == "strip":
-        return _rectangles(n, 1, recipe)
-    if recipe.family == "rectangles":
-        return _rectangles(side, -(-n // side), recipe)
-    if recipe.family == "triangles":
-        if n < 4:
-            return small_meshes.halved_squares(1, -(-n // 2))
-        return samples.random_triangles(max(1, n // 4), seed)
-    if recipe.family == "hexagons":
-        return small_meshes.hexagons(side, -(-n // side))
-    if recipe.family == "voronoi":
-        return samples.voronoi(n, seed)
-    if recipe.family == "hanging":
-        return small_meshes.mixed_polygons()
-    if recipe.family == "ring":
-        return small_meshes.ring(max(n, 3))
-    if recipe.family == "comb":
-        return small_meshes.comb()
-    if recipe.family == "hub":
-        around = small_meshes.ring(max(3 * n - 1, 3))
-        loops = around.boundary_loops
-        cells = [*np.split(loops.vertices, loops.loop_offsets[1:-1]), np.arange(around.n_cells)]
-        return Mesh.from_polygons(around.points, cells)
-    if recipe.family == "nonconvex":
-        fine = _rectangles(2 * side, 2 * -(-n // side), recipe)
-        return fine.coarsen(drawn_labels(fine.graph, "grown", n, seed))
-    return _solid(recipe)
+    side, edge = max(1, round(n**0.5)), max(1, round(n ** (1 / 3)))
+    rows, slices = -(-n // side), -(-n // edge**2)
+    build: Mapping[str, Callable[[], Mesh]] = {
+        "strip": lambda: _rectangles(n, 1, recipe),
+        "rectangles": lambda: _rectangles(side, rows, recipe),
+        "triangles": lambda: (
+            samples.random_triangles(n // 4, seed) if n >= 4 else small_meshes.halved_squares(1, -(-n // 2))
+        ),
+        "hexagons": lambda: small_meshes.hexagons(side, rows),
+        "voronoi": lambda: samples.voronoi(n, seed),
+        "hanging": small_meshes.mixed_polygons,
+        "ring": lambda: small_meshes.ring(max(n, 3)),
+        "comb": small_meshes.comb,
+        "hub": lambda: small_meshes.hub(max(3 * n - 1, 3)),
+        "nonconvex": lambda: _grown(_rectangles(2 * side, 2 * rows, recipe), n, seed),
+        "boxes": lambda: small_meshes.boxes(slices, edge, edge),
+        "tetrahedra": lambda: _tetrahedra(recipe),
+        "prisms": lambda: samples.prisms(max(1, n // 6), 2, seed),
+        "polyhedra": lambda: _grown(small_meshes.boxes(2 * slices, 2 * edge, 2 * edge), n, seed),
+        "voronoi3d": lambda: samples.voronoi3d(max(n, 2), seed),
+    }
+    return build[recipe.family]()
 
 
-def _solid(recipe: DrawnMesh) -> Mesh:
-    n, seed = recipe.cells, recipe.seed
-    edge = max(1, round(n ** (1 / 3)))
-    if recipe.family == "boxes":
-        return small_meshes.boxes(-(-n // edge**2), edge, edge)
-    if recipe.family == "tetrahedra":
-        mesh = samples.tetrahedra(max(1, round((n / 6) ** (1 / 3))))
-        shifts = np.random.default_rng(seed).uniform(-0.05, 0.05, mesh.points.shape)
-        return replace(mesh, points=mesh.points + shifts * recipe.jitter)
-    if recipe.family == "prisms":
-        return samples.prisms(max(1, n // 6), 2, seed)
-    if recipe.family == "polyhedra":
-        fine = small_meshes.boxes(2 * -(-n // edge**2), 2 * edge, 2 * edge)
-        return fine.coarsen(drawn_labels(fine.graph, "grown", n, seed))
-    return samples.voronoi3d(max(n, 2), seed)
+def _grown(fine: Mesh, n: int, seed: int) -> Mesh:
+    """Return the mesh of at most ``n`` ragged parts of a fine mesh."""
+    return fine.coarsen(drawn_labels(fine.graph, "grown", n, seed))
+
+
+def _tetrahedra(recipe: DrawnMesh) -> Mesh:
+    mesh = samples.tetrahedra(max(1, round((recipe.cells / 6) ** (1 / 3))))
+    shifts = np.random.default_rng(recipe.seed).uniform(-0.05, 0.05, mesh.points.shape)
+    return replace(mesh, points=mesh.points + shifts * recipe.jitter)
 
 
 def _rectangles(nx: int, ny: int, recipe: DrawnMesh) -> Mesh:
     return small_meshes.grid(nx, ny, jitter=recipe.jitter, grading=recipe.grading, seed=recipe.seed)
-
-
-def _without_cell(mesh: Mesh, cell: int) -> Mesh:
-    """Return the mesh without a cell, whose faces join the boundary."""
-    number = np.arange(mesh.n_cells) - (np.arange(mesh.n_cells) > cell)
-    number[cell] = -1
-    cells = np.append(number, -1)[mesh.face_cells]
-    turned = (cells[:, 0] < 0) & (cells[:, 1] >= 0)
-    loops = np.split(mesh.face_vertices, mesh.face_offsets[1:-1])
-    kept = cells.max(axis=1) >= 0
-    loops = [
-        loop[::-1] if turn else loop for loop, turn, keep in zip(loops, turned, kept, strict=True) if keep
-    ]
-    cells = np.where(turned[:, None], cells[:, ::-1], cells)[kept]
-    return _compact(mesh.points, loops, cells)
-
-
-def beside(mesh: Mesh, other: Mesh) -> Mesh:
-    """Return both meshes as one mesh of separate components."""
-    gap = np.zeros(mesh.dim)
-    gap[0] = mesh.points[:, 0].max() - other.points[:, 0].min() + np.ptp(mesh.points[:, 0]) / 3
-    loops = [
-        *np.split(mesh.face_vertices, mesh.face_offsets[1:-1]),
-        *np.split(other.face_vertices + mesh.n_points, other.face_offsets[1:-1]),
-    ]
-    cells = np.where(other.face_cells < 0, -1, other.face_cells + mesh.n_cells)
-    return _compact(
-        np.concatenate((mesh.points, other.points + gap)), loops, np.concatenate((mesh.face_cells, cells))
-    )
-
-
-def _compact(points: Float, loops: list[Int], cells: Int) -> Mesh:
-    """Return the mesh of the faces given by their vertices and cells, without points that no face uses."""
-    vertices = np.concatenate(loops)
-    used, vertices = np.unique(vertices, return_inverse=True)
-    offsets = np.concatenate(([0], np.cumsum([len(loop) for loop in loops])))
-    return Mesh(points[used], offsets, vertices.ravel(), cells)

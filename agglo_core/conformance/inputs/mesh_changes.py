@@ -1,4 +1,4 @@
-"""Geometric transformations and renumberings of 2-D and 3-D meshes."""
+"""Changes of 2-D and 3-D meshes: motions, other numbers, other faces, and cells left out or added."""
 
 from __future__ import annotations
 
@@ -65,14 +65,11 @@ def transform_mesh(mesh: Mesh, change: Change) -> Mesh:
 
     Cells and points keep their numbers and tags.
     """
-    moved_mesh = trusted_copy(mesh, points=change.points(mesh))  # inside out until the faces are reversed
-    return reverse_faces(moved_mesh) if change.mirror else moved_mesh
-
-
-def reverse_faces(mesh: Mesh) -> Mesh:
-    """Return the mesh with reversed vertex order in each face, as required after a reflection."""
-    backwards = [face[::-1] for face in np.split(mesh.face_vertices, mesh.face_offsets[1:-1])]
-    return replace(mesh, face_vertices=np.concatenate(backwards))
+    points = change.points(mesh)
+    if not change.mirror:
+        return trusted_copy(mesh, points=points)
+    # A reflection turns the mesh inside out, unless the vertices of each face are in reverse order.
+    return replace(mesh, points=points, face_vertices=np.concatenate([loop[::-1] for loop in _loops(mesh)]))
 
 
 def renumber_mesh(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:
@@ -84,29 +81,64 @@ def renumber_mesh(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:
     # Map old to new cell indices; -1 marks the outside and stays.
     cells, faces, points = (rng.permutation(n) for n in (mesh.n_cells, mesh.n_faces, mesh.n_points))
     new_cell = np.append(np.argsort(cells), -1)
-    loops = np.split(np.argsort(points)[mesh.face_vertices], mesh.face_offsets[1:-1])
-    sizes = np.diff(mesh.face_offsets)[faces]
-    renumbered_mesh = Mesh(
-        mesh.points[points],
-        np.concatenate(([0], np.cumsum(sizes))),
-        np.concatenate([loops[face] for face in faces]),
-        new_cell[mesh.face_cells[faces]],
-        cell_tags={name: tag[cells] for name, tag in mesh.cell_tags.items()},
-        face_tags={name: tag[faces] for name, tag in mesh.face_tags.items()},
-        name=mesh.name,
+    loops, new_point = _loops(mesh), np.argsort(points)
+    renumbered = _mesh_of(
+        mesh.points[points], [new_point[loops[face]] for face in faces], new_cell[mesh.face_cells[faces]]
     )
-    return renumbered_mesh, frozen_int(cells)
+    cell_tags = {name: tag[cells] for name, tag in mesh.cell_tags.items()}
+    face_tags = {name: tag[faces] for name, tag in mesh.face_tags.items()}
+    return replace(renumbered, cell_tags=cell_tags, face_tags=face_tags, name=mesh.name), frozen_int(cells)
 
 
 def turn_inner_faces(mesh: Mesh, seed: int = 7) -> Mesh:
     """Reverse about half of the inner faces of a mesh, and swap the two cells of these faces."""
-    inner = mesh.face_cells[:, 1] >= 0
-    turned = inner & (np.random.default_rng(seed).random(mesh.n_faces) < 0.5)
-    loops = np.split(mesh.face_vertices, mesh.face_offsets[1:-1])
-    return replace(
-        mesh,
-        face_vertices=np.concatenate(
-            [loop[::-1] if over else loop for loop, over in zip(loops, turned, strict=True)]
-        ),
-        face_cells=np.where(turned[:, None], mesh.face_cells[:, ::-1], mesh.face_cells),
-    )
+    turned = ~mesh.outer_faces & (np.random.default_rng(seed).random(mesh.n_faces) < 0.5)
+    loops = [loop[::-1] if over else loop for loop, over in zip(_loops(mesh), turned, strict=True)]
+    cells = np.where(turned[:, None], mesh.face_cells[:, ::-1], mesh.face_cells)
+    return replace(mesh, face_vertices=np.concatenate(loops), face_cells=cells)
+
+
+def halve_faces(mesh: Mesh) -> Mesh:
+    """Return the mesh with each face cut at its centre: edges into halves, and polygons into triangles."""
+    loops = _loops(mesh)
+    centres = np.array([mesh.points[loop].mean(axis=0) for loop in loops])
+    pieces: list[Int] = []
+    for centre, loop in enumerate(loops, mesh.n_points):
+        if mesh.dim == 2:
+            pieces += [np.array([loop[0], centre]), np.array([centre, loop[1]])]
+        else:
+            pieces += [np.array([a, b, centre]) for a, b in zip(loop, np.roll(loop, -1), strict=True)]
+    cells = np.repeat(mesh.face_cells, [len(loop) for loop in loops], axis=0)
+    return _mesh_of(np.concatenate((mesh.points, centres)), pieces, cells)
+
+
+def without_cell(mesh: Mesh, cell: int) -> Mesh:
+    """Return the mesh without a cell, whose faces join the boundary."""
+    number = np.arange(mesh.n_cells) - (np.arange(mesh.n_cells) > cell)
+    number[cell] = -1
+    cells = np.append(number, -1)[mesh.face_cells]
+    kept, turned = cells.max(axis=1) >= 0, cells[:, 0] < cells[:, 1].clip(max=0)
+    loops = [loop[::-1] if turned[face] else loop for face, loop in enumerate(_loops(mesh)) if kept[face]]
+    return _mesh_of(mesh.points, loops, np.where(turned[:, None], cells[:, ::-1], cells)[kept])
+
+
+def beside(mesh: Mesh, other: Mesh) -> Mesh:
+    """Return both meshes as one mesh of separate components."""
+    gap = np.zeros(mesh.dim)
+    gap[0] = mesh.points[:, 0].max() - other.points[:, 0].min() + np.ptp(mesh.points[:, 0]) / 3
+    loops = [*_loops(mesh), *(loop + mesh.n_points for loop in _loops(other))]
+    cells = np.where(other.face_cells < 0, -1, other.face_cells + mesh.n_cells)
+    points = np.concatenate((mesh.points, other.points + gap))
+    return _mesh_of(points, loops, np.concatenate((mesh.face_cells, cells)))
+
+
+def _loops(mesh: Mesh) -> list[Int]:
+    """Return the vertices of each face."""
+    return np.split(mesh.face_vertices, mesh.face_offsets[1:-1])
+
+
+def _mesh_of(points: Float, loops: list[Int], cells: Int) -> Mesh:
+    """Return the mesh of faces given by their vertices and cells, without points that no face uses."""
+    used, vertices = np.unique(np.concatenate(loops), return_inverse=True)
+    offsets = np.concatenate(([0], np.cumsum([len(loop) for loop in loops])))
+    return Mesh(points[used], offsets, vertices.ravel(), cells)

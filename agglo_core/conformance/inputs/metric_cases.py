@@ -11,7 +11,6 @@ import numpy as np
 from agglo_core.arrays import frozen_int
 from agglo_core.conformance.base import Case
 from agglo_core.conformance.inputs import small_meshes
-from agglo_core.mesh import Mesh
 
 _ISOPERIMETRIC = (
     (pi / 4,) * 4,
@@ -75,24 +74,3 @@ def layouts(framed: bool) -> tuple[Case, list[Case]]:
 
     squares = case("squares", row // 4 * 4 + column // 4)
     return squares, [case(name, labels) for name, labels in worse.items()]
-
-
-def halve_faces(mesh: Mesh) -> Mesh:
-    """Return the mesh with each face cut at its centre: edges into halves, and polygons into triangles."""
-    loops = np.split(mesh.face_vertices, mesh.face_offsets[1:-1])
-    centres = np.array([mesh.points[loop].mean(axis=0) for loop in loops])
-    pieces: list[Sequence[int]] = []
-    cells: list[int] = []
-    for face, loop in enumerate(loops):
-        centre = mesh.n_points + face
-        if mesh.dim == 2:
-            pieces += [(loop[0], centre), (centre, loop[1])]
-        else:
-            pieces += [(a, b, centre) for a, b in zip(loop, np.roll(loop, -1), strict=True)]
-        cells += [face] * len(loop)
-    return Mesh(
-        np.concatenate((mesh.points, centres)),
-        np.arange(len(pieces) + 1) * mesh.dim,
-        np.concatenate(pieces),
-        mesh.face_cells[cells],
-    )

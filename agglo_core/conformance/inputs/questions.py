@@ -200,11 +200,11 @@ def refuses(subject: Subject, case: Case) -> bool:
     The result is cached.
     """
     key = case.name, case.given[-1] if subject.kind == "format" else ""
-    if key not in subject.refused:
-        subject.refused[key] = False
+    if key not in subject.cache:
+        subject.cache[key] = False
         with suppress(Broken):  # another failure is no refusal
-            subject.refused[key] = answer(subject, case, refusal=REFUSED) is REFUSED
-    return subject.refused[key]
+            subject.cache[key] = answer(subject, case, refusal=REFUSED) is REFUSED
+    return bool(subject.cache[key])
 
 
 def plain(subject: Subject, case: Case, tool: Any = None) -> NDArray[Any]:

@@ -53,6 +53,15 @@ def ring(n: int) -> Mesh:
     return Mesh.from_polygons(np.concatenate((circle, 2 * circle)), cells, name="ring")
 
 
+def hub(n: int) -> Mesh:
+    """Return a mesh of a polygon with ``n`` sides, and a ring of ``n`` cells around it."""
+    around = ring(n)
+    loops = around.boundary_loops
+    return Mesh.from_polygons(
+        around.points, [*np.split(loops.vertices, loops.loop_offsets[1:-1]), np.arange(n)]
+    )
+
+
 def mixed_polygons() -> Mesh:
     """Return a mesh of squares, triangles and pentagons, with hanging nodes between coarse and fine half."""
     x, y = np.meshgrid(np.arange(9.0), np.arange(7.0))

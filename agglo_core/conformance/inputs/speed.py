@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from agglo_core.conformance.base import Case, Subject
 from agglo_core.conformance.base.asking import ask
@@ -19,8 +19,7 @@ _FEWEST = 250  # cells: smaller meshes may take as long
 _BOTHER = 0.25  # CPU seconds: slower cases are not repeated
 
 
-@dataclass(frozen=True)
-class Slow:
+class Slow(NamedTuple):
     """Test case that took too long: cells, seconds, and the largest number of cells still acceptable."""
 
     cells: int
@@ -35,27 +34,24 @@ def too_slow(subject: Subject) -> Slow | None:
     """
     if subject.kind not in ("refiner", "fixer"):
         return None
-    if not subject.pace:
-        subject.pace.append(_measure_pace(subject))
-    result: Slow | None = subject.pace[0]
+    if "speed" not in subject.cache:
+        most, slow = 0, None
+        seconds_for(subject, _SIZES[0])  # compile kernels off the clock
+        for cells in _SIZES:
+            seconds = seconds_for(subject, cells)
+            if seconds > TIME_LIMIT * max(cells, _FEWEST) / 5000:
+                slow = Slow(cells, seconds, most)
+                break
+            most = cells if seconds <= _BOTHER else most
+        subject.cache["speed"] = slow
+    result: Slow | None = subject.cache["speed"]
     return result
 
 
 def drop_slow_cases(subject: Subject, test_cases: list[Case]) -> list[Case]:
     """Return the test cases that are small enough for the measured speed of the component."""
     slow = too_slow(subject)
-    return test_cases if slow is None else [case for case in test_cases if case.given[0].n <= slow.most]
-
-
-def _measure_pace(subject: Subject) -> Slow | None:
-    most = 0
-    seconds_for(subject, _SIZES[0])  # compile kernels off the clock
-    for cells in _SIZES:
-        seconds = seconds_for(subject, cells)
-        if seconds > TIME_LIMIT * max(cells, _FEWEST) / 5000:
-            return Slow(cells, seconds, most)
-        most = cells if seconds <= _BOTHER else most
-    return None
+    return [case for case in test_cases if slow is None or case.given[0].n <= slow.most]
 
 
 def seconds_for(subject: Subject, cells: int) -> float:

@@ -14,15 +14,17 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.conformance.base import ATTRIBUTES, Case, Subject, law, require, require_array
 from agglo_core.conformance.inputs.cases import mesh_case
-from agglo_core.conformance.inputs.drawn import DrawnMesh, beside
+from agglo_core.conformance.inputs.drawn import DrawnMesh
 from agglo_core.conformance.inputs.mesh_changes import (
     MOTIONS,
     Change,
+    beside,
+    halve_faces,
     renumber_mesh,
     transform_mesh,
     turn_inner_faces,
 )
-from agglo_core.conformance.inputs.metric_cases import HAND, by_hand, halve_faces, layouts
+from agglo_core.conformance.inputs.metric_cases import HAND, by_hand, layouts
 from agglo_core.conformance.inputs.option_values import option_choices
 from agglo_core.conformance.inputs.questions import answer, plain
 from agglo_core.conformance.inputs.strategies import metric_cases

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from agglo_core.agglomeration.border import broken_blocks
 from agglo_core.arrays import Float, Int, frozen_int
@@ -70,15 +68,9 @@ def components_not_raised(subject: Subject, case: Case) -> None:
 
 def loose_parts(graph: Graph, labels: Int) -> dict[tuple[int, int], int]:
     """Return the number of connected components per part (block, label)."""
-    # Connected components of the graph without edges between parts.
-    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-    inside = labels[rows] == labels[graph.indices]
-    links = sparse.coo_array(
-        (np.ones(inside.sum()), (rows[inside], graph.indices[inside])), shape=(graph.n, graph.n)
-    )
-    _, piece = connected_components(links, directed=False)
     # Count the components by block and label of their first cell.
-    _, first = np.unique(piece, return_index=True)
+    numbers = np.unique(labels, return_inverse=True)[1]
+    _, first = np.unique(graph.components(numbers), return_index=True)
     keys, counts = np.unique(np.stack((graph.block_ids, labels))[:, first], axis=1, return_counts=True)
     return {(int(b), int(p)): int(c) for (b, p), c in zip(keys.T, counts, strict=True)}
 

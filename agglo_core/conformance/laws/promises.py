@@ -9,9 +9,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agglo_core.arrays import frozen_int
-from agglo_core.conformance.base import ASKED, Broken, Case, Subject, law, require
+from agglo_core.conformance.base import Broken, Case, Subject, law, require
 from agglo_core.conformance.base.asking import for_target
 from agglo_core.conformance.inputs.mesh_changes import MOTIONS, Change, renumber_mesh, transform_mesh
 from agglo_core.conformance.inputs.questions import answer, digest, plain, questions, same
@@ -21,16 +22,10 @@ from agglo_core.conformance.laws.bisector import bisects
 from agglo_core.conformance.process.fresh_import import import_again
 from agglo_core.errors import AggloError
 from agglo_core.protocols import Target
-from agglo_core.registry import KINDS
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
 
-def _kinds_with_promise(promise: str) -> tuple[str, ...]:
-    """Return the kinds of component that may make this promise, except samples."""
-    return tuple(kind for kind in ASKED if promise in KINDS[kind].promises)
-
-
-@law(*_kinds_with_promise("deterministic"), promise="deterministic")
+@law(promise="deterministic")
 def deterministic(subject: Subject) -> None:
     """The result depends only on the input, not on the seed or on other calls."""
     tool, test_cases = subject.build(), questions(subject)
@@ -46,8 +41,7 @@ def deterministic(subject: Subject) -> None:
 
 _CHANGES = {
     **MOTIONS,
-    "scaled by 1e-7": Change(scale=1e-7),
-    "scaled by 1e7": Change(scale=1e7),
+    **{f"scaled by {scale:g}": Change(scale=scale) for scale in (1e-7, 1e7)},
     "renumbered": Change(),
 }
 
@@ -75,7 +69,7 @@ def invariant(subject: Subject, case: Case) -> None:
         )
 
 
-@law(*_kinds_with_promise("pickles"), promise="pickles")
+@law(promise="pickles")
 def pickles(subject: Subject) -> None:
     """The component can be pickled, for use in another process."""
     tool = subject.build()
@@ -103,26 +97,14 @@ def _copy_by_pickle(thing: Any) -> Any:
         ) from error
 
 
-_SIZES = (1e-3, 0.03, 0.15, 0.5, 3.0, 8.0, 500.0)
 _TARGETS = (
     *(Target(parts=parts) for parts in (2, 3, 5, 16, 400)),
-    *(Target(h_star=size) for size in _SIZES),
+    *(Target(h_star=size) for size in (1e-3, 0.03, 0.15, 0.5, 3.0, 8.0, 500.0)),
     *(Target(parts=16, h_star=size) for size in (0.03, 3.0)),
 )
-
-
 _WHEN_TOLD = (
-    "surroundings_kept",
-    "side_array",
-    "two_sides",
-    "connected",
-    "balanced",
-    "same_seed_same_result",
-    "a_level_is_its_blocks",
-    "deterministic",
-    "invariant",
-    "space",
-    "pickles",
+    *("surroundings_kept", "side_array", "two_sides", "connected", "balanced", "same_seed_same_result"),
+    *("a_level_is_its_blocks", "deterministic", "invariant", "space", "pickles"),
 )
 """Laws for the bisectors that for_target returns."""
 
@@ -151,31 +133,27 @@ def told_the_target(subject: Subject) -> None:
 def _require_independent_targets(subject: Subject, targets: Sequence[Target]) -> None:
     """Require that ``for_target`` changes neither bisectors for other targets nor the object itself."""
     test_cases = questions(subject)
+
+    def sides_of(tool: Any) -> list[NDArray[Any]]:
+        return [plain(subject, case, tool) for case in test_cases]
+
     # Expected answers: from a freshly imported component for each target.
     expected = {}
     for target in targets:
         with import_again(subject) as unused:
-            tool = for_target(unused.build(), target)
-            expected[target] = [plain(unused, case, tool) for case in test_cases]
+            expected[target] = sides_of(for_target(unused.build(), target))
     # Compare with the answers of bisectors made by one object, for both orders of the targets.
     for order in (targets, targets[::-1]):
         tool = subject.build()
-        before = [plain(subject, case, tool) for case in test_cases]
-        made = [(for_target(tool, target), target) for target in order]
-        for bisector, target in made:
+        before = sides_of(tool)
+        for bisector, target in [(for_target(tool, target), target) for target in order]:
             require(
-                all(
-                    same(plain(subject, case, bisector), sides)
-                    for case, sides in zip(test_cases, expected[target], strict=True)
-                ),
+                all(map(same, sides_of(bisector), expected[target])),
                 f"for {target} its answer changes once for_target was called for another target: key any "
                 "cache by the whole target",
             )
         require(
-            all(
-                same(plain(subject, case, tool), sides)
-                for case, sides in zip(test_cases, before, strict=True)
-            ),
+            all(map(same, sides_of(tool), before)),
             "its answer changes after for_target was called for another target: return a new object, and "
             "leave self unchanged",
         )

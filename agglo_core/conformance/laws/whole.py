@@ -16,7 +16,6 @@ from agglo_core.conformance.inputs.questions import (
     select_accepted,
 )
 from agglo_core.errors import AggloError
-from agglo_core.registry import KINDS
 
 
 @law(*ASKED, fixed=questions)
@@ -36,11 +35,10 @@ def same_seed_same_result(subject: Subject, case: Case) -> None:
         )
 
 
-_IN_SPACE = tuple(kind for kind in ASKED if "3d" in KINDS[kind].promises)
 _ON_MESHES = tuple(kind for kind in ASKED if kind not in ("smoother", *PARTS))
 
 
-@law(*_IN_SPACE, promise="3d")
+@law(promise="3d")
 def space(subject: Subject) -> None:
     """3-D meshes have a finite result, also after a call on a 2-D mesh."""
     test_cases = questions_in_3d(subject)
