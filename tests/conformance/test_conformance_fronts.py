@@ -288,7 +288,7 @@ class NoBounds:
 
 
 def test_one_cause_is_reported_once() -> None:
-    laws = ["declares_itself", "answers", "value_array", "homogeneous", "renaming", "better_is_better"]
+    laws = ["declares_itself", "answers", "homogeneous", "renaming", "better_is_better"]
     messages = {r.law: r.message for r in check(NoBounds, laws=laws) if not r.passed}
     assert "bounds is None" in messages["declares_itself"]
     assert "homogeneity is None" in messages.pop("declares_itself")
@@ -332,7 +332,7 @@ class ListsOfCells:
     ("component", "law", "says"),
     [
         (TakesNoGenerator, "answers", "takes 2 positional arguments but 3 were given. Agglo could not call"),
-        (ListsOfCells, "side_array", "it returned a tuple"),
+        (ListsOfCells, "answers", "it returned a tuple"),
     ],
 )
 def test_a_wrong_call_or_form_is_one_cause(component: type, law: str, says: str) -> None:
@@ -446,7 +446,7 @@ def test_a_broken_plugin_is_told_what_to_do(outside: dict[str, Any]) -> None:
     code, text = outside["names_of_sides"]
     assert code == 3
     messages = {r["law"]: r["message"] for r in json.loads(text)}
-    assert "one side for each cell" in messages["side_array"]
+    assert "one side for each cell" in messages["answers"]
     assert "use logging" in messages["surroundings_kept"]
 
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
-from agglo_core.problems import Linear, MultigridLevel
+from agglo_core.problems import Linear, MultigridLevel, Solution
 
 
 @dataclass(frozen=True)
@@ -58,10 +59,12 @@ class Case:
     def size(self) -> int | None:
         """Expected length of the component's result, or None if unknown or not an array."""
         first = self.given[0]
-        if isinstance(first, MultigridLevel):
-            return len(self.given[1])
         if isinstance(first, Mesh) and isinstance(self.given[-1], np.ndarray):
             return int(self.given[-1].max()) + 1
+        if isinstance(first, MultigridLevel) or sparse.issparse(first):
+            return len(self.given[-1])
+        if isinstance(first, Solution):
+            return first.mesh.n_cells if first.mesh else None
         return first.n if isinstance(first, Graph) else None
 
     @property

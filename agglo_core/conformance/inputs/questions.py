@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from agglo_core.conformance.base import FORM, Broken, Case, Subject, as_array, examples_of, in_words
+from agglo_core.conformance.base import Broken, Case, Subject, as_array, examples_of, require_array
 from agglo_core.conformance.base.asking import ask
 from agglo_core.conformance.base.tracing import component_frame
 from agglo_core.conformance.inputs.cases import (
@@ -36,7 +36,18 @@ from agglo_core.problems import Solution
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
 _CHOOSY = ("solver", "discretisation", "estimator", "format", "constraint")
-_IN_ARRAYS = ("bisector", "refiner", "fixer", "metric", "solver", "estimator", "smoother", "coarse_solver")
+_FORMS: Final[Mapping[str, tuple[str, str]]] = {
+    "bisector": ("iubf", "one side for each cell"),
+    "refiner": ("iub", "one label for each cell"),
+    "fixer": ("iub", "one label for each cell"),
+    "metric": ("iubf", "one number for each of the labels 0..k-1, not one per cell, not a mean"),
+    "solver": ("iuf", "one number for each unknown"),
+    "estimator": ("f", "one number for each cell"),
+    "smoother": ("f", "return all of the new x, not a correction or matrix"),
+    "coarse_solver": ("f", "one number for each unknown"),
+}
+"""Kinds with arrays for results: numbers as in :func:`require_array`, and their meaning."""
+
 _OWN_PROBLEMS = ("diffusion", "linear")
 _FEW = 10  # drawn cases of laws that compare several calls
 
@@ -214,17 +225,18 @@ def plain(subject: Subject, case: Case, tool: Any = None) -> NDArray[Any]:
 
 def in_array(subject: Subject, case: Case, result: Any) -> NDArray[Any]:
     """Return a result as an array: sides, labels, values or unknowns, else a hash."""
-    if subject.kind not in _IN_ARRAYS:
+    if subject.kind not in _FORMS:
         return digest(result)
-    values = as_array(result.x if isinstance(result, Solution) else result)
-    if values.dtype.kind not in "iubf" or values.ndim != 1 or case.size not in (None, len(values)):
-        raise Broken(
-            f"on {case.name}: {in_words(result)} is not a valid answer; fix the failure of the earlier law "
-            "first",
-            FORM,
-        )
+    values = require_form(subject, case, result)
     sides = subject.kind == "bisector" and len(case.given) == 2
     return values >= 0.5 if sides and values.dtype.kind == "f" else values
+
+
+def require_form(subject: Subject, case: Case, result: Any) -> NDArray[Any]:
+    """Return a result as an array, and require the form that its kind has in :data:`_FORMS`."""
+    given, (numbers, remedy) = result.x if isinstance(result, Solution) else result, _FORMS[subject.kind]
+    size = np.size(as_array(given)) if case.size is None else case.size
+    return require_array(given, (size,), numbers, remedy, f"on {case.name}: it")
 
 
 def digest(value: Any) -> NDArray[np.uint8]:
@@ -239,14 +251,6 @@ def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
         return np.array_equal(one, other)
     scale = float(np.nanmax(np.abs(one), initial=0.0))  # NaN marks undefined values
     return bool(np.allclose(one, other, rtol=1e-9, atol=1e-9 * scale, equal_nan=True))
-
-
-def same_labelling(before: NDArray[Any], after: NDArray[Any], swap: bool) -> bool:
-    """Return True if two label arrays are equal.
-
-    With ``swap`` the two sides may be exchanged.
-    """
-    return np.array_equal(before, after) or (swap and np.array_equal(before, 1 - after.astype(np.int64)))
 
 
 def chunks(level: Graph, values: NDArray[Any]) -> list[NDArray[Any]]:

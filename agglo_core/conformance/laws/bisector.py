@@ -12,7 +12,7 @@ from agglo_core.agglomeration.border import one_sided_blocks
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.conformance.base import Case, Subject, law, require, require_array
 from agglo_core.conformance.inputs.cases import kway_case, large_cases
-from agglo_core.conformance.inputs.questions import answer, chunks, large_graphs, plain
+from agglo_core.conformance.inputs.questions import answer, chunks, large_graphs, plain, require_form
 from agglo_core.conformance.inputs.strategies import graph_cases
 from agglo_core.conformance.laws.parts import loose_parts
 from agglo_core.graph import Graph
@@ -30,9 +30,8 @@ def bisects(subject: Subject) -> bool:
 
 @law("bisector", draw=graph_cases, fixed=large_graphs, examples=60)
 def side_array(subject: Subject, case: Case) -> None:
-    """Sides form an array (n,) of integers or booleans 0 and 1, or of probabilities of side 1."""
-    n = case.given[0].n
-    sides = require_array(answer(subject, case), (n,), "iubf", "one side for each cell")
+    """Sides are integers or booleans 0 and 1, or probabilities of side 1."""
+    sides = require_form(subject, case, answer(subject, case))
     low, high = sides.min(), sides.max()
     remedy = "subtract the smallest label"
     if sides.dtype.kind == "f":

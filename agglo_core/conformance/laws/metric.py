@@ -26,7 +26,7 @@ from agglo_core.conformance.inputs.mesh_changes import (
 )
 from agglo_core.conformance.inputs.metric_cases import HAND, by_hand, layouts
 from agglo_core.conformance.inputs.option_values import option_choices
-from agglo_core.conformance.inputs.questions import answer, plain
+from agglo_core.conformance.inputs.questions import plain
 from agglo_core.conformance.inputs.strategies import metric_cases
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
@@ -64,14 +64,6 @@ def _declares(subject: Subject, flag: str) -> bool:
 def _many_parts(_: Subject) -> list[Case]:
     """Return a test case with more than a thousand single-cell parts."""
     return [mesh_case(DrawnMesh(cells=1200, jitter=0.25, renumbered=True), "alone", 1)]
-
-
-@law("metric", draw=metric_cases, fixed=_many_parts)
-def value_array(subject: Subject, case: Case) -> None:
-    """Values form an array of shape (k,), with one number per agglomerate."""
-    parts = int(case.given[1].max()) + 1
-    remedy = "one number for each of the labels 0..k-1, not one per cell, not a mean"
-    require_array(answer(subject, case), (parts,), "iubf", remedy)
 
 
 def _round_parts(subject: Subject) -> list[Case]:

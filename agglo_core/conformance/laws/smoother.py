@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 from agglo_core.arrays import Float, frozen_float
 from agglo_core.conformance.base import Broken, Case, Subject, as_array, in_words, law, require, require_array
 from agglo_core.conformance.inputs.cases import cases
-from agglo_core.conformance.inputs.questions import answer, plain
+from agglo_core.conformance.inputs.questions import plain
 from agglo_core.conformance.inputs.strategies import smoother_cases
 from agglo_core.conformance.laws.multigrid_parts import require_linear_and_symmetric
 from agglo_core.registry.containment import PLUGIN_FAILURES
@@ -20,13 +20,6 @@ from agglo_core.registry.containment import PLUGIN_FAILURES
 _EXAMPLES = 30  # drawn levels for each law
 _FEW = 16  # unknowns below which a level has no smooth and rough half
 _GONE = 1e-8  # share of the error that counts as none
-
-
-@law("smoother", draw=smoother_cases, examples=_EXAMPLES)
-def smoothed_array(subject: Subject, case: Case) -> None:
-    """``setup(level)`` returns a function of (b, x) whose result is real with shape (n,)."""
-    remedy = "return all of the new x, not a correction or matrix"
-    require_array(answer(subject, case), case.given[1].shape, "f", remedy, "smooth(b, x)")
 
 
 @law("smoother", draw=smoother_cases, examples=_EXAMPLES)

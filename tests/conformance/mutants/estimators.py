@@ -63,7 +63,7 @@ CORRECT = [
 
 MUTANTS = [
     Mutant("answers", RefusesAll, "refuses every solution"),
-    Mutant("one_per_cell", PerUnknown, "floats of shape (20,)"),
+    Mutant("answers", PerUnknown, "floats of shape (20,)"),
     Mutant("one_per_cell", Signed, "expected finite numbers"),
     Mutant("one_per_cell", Nothing, "all indicators are 0"),
     Mutant("follows_numbering", ByTheFirstCell, "renumbered cells change an indicator"),

@@ -160,8 +160,8 @@ CORRECT = [
 ]
 
 MUTANTS = [
-    Mutant("label_array", NamesOfParts, "expected integers or booleans"),
-    Mutant("label_array", FixesToFloats, "integers"),
+    Mutant("answers", NamesOfParts, "expected integers or booleans"),
+    Mutant("answers", FixesToFloats, "integers"),
     Mutant("label_array", DropsALabel, "lost its last cell"),
     Mutant("label_array", RenumbersAcrossBlocks, "block"),
     Mutant("components_not_raised", TearsApart, "neighbours in its part"),

@@ -237,7 +237,7 @@ CORRECT = [
 MUTANTS = [
     Mutant("surroundings_kept", WritesIntoA, "work on a copy"),
     Mutant("answers", WritesIntoX, "change a copy"),
-    Mutant("smoothed_array", Rounded, "floats of shape"),
+    Mutant("answers", Rounded, "floats of shape"),
     Mutant("error_reduced", OneStep, "level.steps times"),
     Mutant("solution_kept", SmoothsTheInherited, "with the matrix level.A"),
     Mutant("solution_kept", AddsALittle, "b − A x"),
