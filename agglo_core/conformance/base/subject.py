@@ -178,20 +178,25 @@ def subject_of(
     OptionError
         If the kind is unknown or ambiguous, or options are given for an object.
     """
-    option_values = dict(options or {})
+    record, option_values = None, dict(options or {})
     if isinstance(component, str):
         record = find(component, kind, registry)
         if record.state != "ok":
             raise PluginError(f"{describe(record)} cannot be used: {unusable(record)}")
-        return _subject_for_record(record, option_values, promises, registry)
-    if isinstance(component, Component):
+    elif isinstance(component, Component):
         if wrong := "; ".join(faults(component)):
             raise PluginError(f"{component.kind} {component.name!r} is not declared well: {wrong}")
-        return _subject_for_record(Record(component, component.name), option_values, promises, registry)
-    sort = kind or _kind_of(component)
-    subject = Subject(
-        sort, f"{sort} {_title(component)}", None, component, option_values, promises or {}, registry
-    )
+        record = Record(component, component.name)
+    if record is not None:
+        promises = promises or (record.component.promises if record.component else {})
+        return Subject(record.kind, describe(record), record, None, option_values, promises, registry)
+    # Without a declaration, the methods decide the kind.
+    sort = kind or kind_of_methods(component)
+    if sort is None:
+        methods = ", ".join(method for entry in KINDS.values() for method in entry.methods)
+        raise OptionError(f"{component!r:.60} is not a component: it has none of the methods {methods}")
+    title = f"{sort} {getattr(component, '__name__', type(component).__name__)}"
+    subject = Subject(sort, title, None, component, option_values, promises or {}, registry)
     if options and not subject.takes_options:
         raise OptionError(
             f"{component!r:.60} is already an object: options can only be passed with a name or a class"
@@ -224,25 +229,3 @@ def find(text: str, kind: str | None = None, registry: Registry | None = None) -
         f"no component is named {text!r}{did_you_mean(base_name, names)}; there are {', '.join(names)}"
         + (f"; plugins that cannot be used: {failures}" if failures else "")
     )
-
-
-def _subject_for_record(
-    record: Record,
-    options: Mapping[str, Any],
-    promises: Mapping[str, bool | float] | None,
-    registry: Registry | None,
-) -> Subject:
-    declared = record.component.promises if record.component else {}
-    return Subject(record.kind, describe(record), record, None, options, promises or declared, registry)
-
-
-def _title(component: object) -> str:
-    return str(getattr(component, "__name__", type(component).__name__))
-
-
-def _kind_of(component: object) -> str:
-    kind = kind_of_methods(component)
-    if kind is None:
-        methods = ", ".join(method for entry in KINDS.values() for method in entry.methods)
-        raise OptionError(f"{component!r:.60} is not a component: it has none of the methods {methods}")
-    return kind

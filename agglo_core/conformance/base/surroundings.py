@@ -13,16 +13,15 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 
-@dataclass(frozen=True)
-class _Setting:
+class _Setting(NamedTuple):
     """Process setting, such as the current folder, with its getter and, where possible, its setter."""
 
     read: Callable[[], Any]
@@ -39,28 +38,22 @@ def _set_filters(values: tuple[Any, ...]) -> None:
     warnings.filters[:] = values  # type: ignore[index]
 
 
-def _handlers() -> dict[int, str]:
-    return {number: repr(signal.getsignal(number)) for number in sorted(signal.valid_signals())}
-
-
-def _builtins() -> dict[str, int]:
-    return {name: id(value) for name, value in vars(builtins).items() if name != "_"}  # set by the prompt
+_set_locale = partial(locale.setlocale, locale.LC_ALL)  # without argument it returns the locale
 
 
 def _logging_state() -> list[Any]:
     loggers = (logging.getLogger(), logging.getLogger("agglo"))
-    return [(logger.level, logger.disabled, len(logger.handlers), logger.propagate) for logger in loggers] + [
-        logging.root.manager.disable
-    ]
+    of_loggers = [(log.level, log.disabled, len(log.handlers), log.propagate) for log in loggers]
+    return [*of_loggers, logging.root.manager.disable]
 
 
-def _of_numba() -> int | None:
+def _numba_threads() -> int | None:
     parallel = sys.modules.get("numba.np.ufunc.parallel")
     started = parallel is not None and getattr(parallel, "_is_initialized", False)
     return int(parallel.get_num_threads()) if parallel is not None and started else None
 
 
-def _of_torch() -> list[Any] | None:
+def _torch_state() -> list[Any] | None:
     torch = sys.modules.get("torch")
     if torch is None:
         return None
@@ -76,11 +69,9 @@ _SETTINGS: Mapping[str, _Setting] = {
     "environment variables": _Setting(lambda: dict(os.environ), _set_environment, by_imports=True),
     "the current folder": _Setting(os.getcwd, os.chdir),
     "the warning filters": _Setting(lambda: tuple(warnings.filters), _set_filters, by_imports=True),
-    "signal handlers": _Setting(_handlers),
+    "signal handlers": _Setting(lambda: [repr(signal.getsignal(i)) for i in sorted(signal.valid_signals())]),
     "alarms": _Setting(lambda: signal.getitimer(signal.ITIMER_REAL)[0] > 0),
-    "the locale": _Setting(
-        lambda: locale.setlocale(locale.LC_ALL), lambda old: locale.setlocale(locale.LC_ALL, old)
-    ),
+    "the locale": _Setting(_set_locale, _set_locale),
     "the recursion limit": _Setting(sys.getrecursionlimit, sys.setrecursionlimit),
     "the thread switch interval": _Setting(sys.getswitchinterval, sys.setswitchinterval),
     "the garbage collector": _Setting(lambda: (gc.isenabled(), gc.get_threshold())),
@@ -90,9 +81,11 @@ _SETTINGS: Mapping[str, _Setting] = {
         lambda: [id(each) for each in (sys.stdout, sys.stderr, sys.excepthook, sys.displayhook)]
     ),
     "tracing": _Setting(lambda: (sys.gettrace(), sys.getprofile())),
-    "built-in functions": _Setting(_builtins),
-    "the threads of numba": _Setting(_of_numba, by_imports=True),
-    "the settings of torch": _Setting(_of_torch, by_imports=True),
+    "built-in functions": _Setting(  # the prompt sets _
+        lambda: {name: id(value) for name, value in vars(builtins).items() if name != "_"}
+    ),
+    "the threads of numba": _Setting(_numba_threads, by_imports=True),
+    "the settings of torch": _Setting(_torch_state, by_imports=True),
 }
 
 

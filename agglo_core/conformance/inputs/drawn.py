@@ -16,7 +16,6 @@ from agglo_core import samples
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.mesh_changes import (
-    Change,
     beside,
     renumber_mesh,
     transform_mesh,
@@ -139,7 +138,7 @@ class DrawnMesh(Recipe):
             mesh = beside(mesh, _family(replace(self, hole=False)))
         if self.stretch != 1.0:
             mesh = replace(mesh, points=mesh.points * np.array([1.0, self.stretch, 1.0][: mesh.dim]))
-        mesh = transform_mesh(mesh, Change(turned=self.turn, away=self.shift, scale=self.scale))
+        mesh = transform_mesh(mesh, turned=self.turn, away=self.shift, scale=self.scale)
         if self.renumbered:
             mesh = renumber_mesh(mesh, self.seed)[0]
         of_cells = self.tags if self.tagged != "faces" else ()

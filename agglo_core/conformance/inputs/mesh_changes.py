@@ -3,43 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_int, trusted_copy
+from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.mesh import Mesh
-
-
-@dataclass(frozen=True)
-class Change:
-    """Geometric transformation: reflection, rotation, shift and scaling, in this order.
-
-    Attributes
-    ----------
-    turned, mirror : bool
-        Apply the rotation or the reflection.
-    away : float
-        Shift length, in mesh diameters.
-    scale : float
-        Scale factor.
-    """
-
-    turned: bool = False
-    mirror: bool = False
-    away: float = 0.0
-    scale: float = 1.0
-
-    def points(self, mesh: Mesh) -> Float:
-        """Return a mesh's transformed points ``(n_points, d)``."""
-        points, d = mesh.points, mesh.dim
-        if self.mirror:
-            points = points * np.array([-1.0, 1.0, 1.0][:d])
-        if self.turned:
-            points = points @ _ROTATION[d]
-        direction = np.array([0.8, -0.6, 0.5][:d])
-        diameter = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
-        return np.asarray(self.scale * (points + self.away * diameter * direction))
 
 
 def _rotations() -> Mapping[int, Float]:
@@ -52,24 +22,30 @@ def _rotations() -> Mapping[int, Float]:
 
 _ROTATION = _rotations()
 
-MOTIONS: Mapping[str, Change] = {
-    "rotated": Change(turned=True),
-    "mirrored": Change(mirror=True),
-    "shifted by a million diameters": Change(away=1e6),
+MOTIONS: Mapping[str, Mapping[str, Any]] = {
+    "rotated": {"turned": True},
+    "mirrored": {"mirror": True},
+    "shifted by a million diameters": {"away": 1e6},
 }
-"""Rigid motions by name."""
+"""Rigid motions by name: arguments of :func:`transform_mesh`."""
 
 
-def transform_mesh(mesh: Mesh, change: Change) -> Mesh:
-    """Apply a geometric transformation to the points of a mesh.
+def transform_mesh(
+    mesh: Mesh, *, mirror: bool = False, turned: bool = False, away: float = 0.0, scale: float = 1.0
+) -> Mesh:
+    """Reflect, rotate, shift by ``away`` mesh diameters and scale a mesh, in this order.
 
     Cells and points keep their numbers and tags.
     """
-    points = change.points(mesh)
-    if not change.mirror:
-        return trusted_copy(mesh, points=points)
-    # A reflection turns the mesh inside out, unless the vertices of each face are in reverse order.
-    return replace(mesh, points=points, face_vertices=np.concatenate([loop[::-1] for loop in _loops(mesh)]))
+    points, faces, d = mesh.points, mesh.face_vertices, mesh.dim
+    if mirror:  # the vertices of each face are reversed, because a reflection turns the mesh inside out
+        points = points * np.array([-1.0, 1.0, 1.0][:d])
+        faces = np.concatenate([loop[::-1] for loop in _loops(mesh)])
+    if turned:
+        points = points @ _ROTATION[d]
+    direction = np.array([0.8, -0.6, 0.5][:d])
+    diameter = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
+    return replace(mesh, points=scale * (points + away * diameter * direction), face_vertices=faces)
 
 
 def renumber_mesh(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:

@@ -99,16 +99,11 @@ def questions(subject: Subject, seed: int = 0) -> list[Case]:
     if subject.kind in ON_GRAPHS:
         test_cases += drop_slow_cases(subject, [large_case(subject.kind)])
         test_cases = [_with_seed(case, seed) for case in test_cases]
-    accepted_cases = select_accepted(subject, _with_partitions(subject, test_cases))
-    accepted_cases += select_accepted(subject, _further_problems(subject))
-    if accepted_cases or subject.kind != "format":
-        return accepted_cases
-    return select_accepted(subject, in_space(subject))
-
-
-def in_space(subject: Subject) -> list[Case]:
-    """Return the 3-D test cases of a component that promises 3-D, or else an empty list."""
-    return cases(subject.kind, "space") if subject.promised("3d") else []
+    test_cases = [*_with_partitions(subject, test_cases), *_further_problems(subject)]
+    accepted_cases = select_accepted(subject, test_cases)
+    if not accepted_cases and subject.kind == "format" and subject.promised("3d"):
+        return select_accepted(subject, cases("format", "space"))
+    return accepted_cases
 
 
 def _with_partitions(subject: Subject, test_cases: list[Case]) -> list[Case]:

@@ -60,6 +60,11 @@ def takes(subject: Subject, kind: type[Problem]) -> bool:
     return any(isinstance(case.given[0], kind) for case in questions(subject))
 
 
+def takes_diffusion(subject: Subject) -> bool:
+    """Return True if a solver, discretisation or estimator accepts diffusion problems."""
+    return takes(subject, Diffusion) if subject.kind == "solver" else "diffusion" in subject.build().accepts
+
+
 def matrix_of(A: Any) -> Any:
     """Convert a sparse matrix, an array or a ``LinearOperator`` to a sparse matrix."""
     if not sparse.issparse(A) and not isinstance(A, np.ndarray):

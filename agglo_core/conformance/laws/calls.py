@@ -17,7 +17,7 @@ from types import FrameType, SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import sparse
 
 from agglo_core.arrays import Float, frozen_float
@@ -189,15 +189,13 @@ def lets_go(subject: Subject) -> None:
         references = [_call_for_references(subject, tool) for _ in range(_CALLS + 2)]
         gc.collect()
         alive = [any(reference() is not None for reference in of_call) for of_call in references]
-        usage = _measure_usage(subject, tool)
+        memory, files, threads = _growth_per_call(subject, tool)
     finally:
         gc.unfreeze()
     require(not all(alive), f"the input or answer of {len(alive)} calls is still in memory: {remedy}")
-    # Resources: the smallest growth over the rounds must be negligible.
-    growth = _growth_per_call(usage).min(axis=0)
-    require(growth[0] <= _KEPT_BYTES, f"each call leaves {growth[0]:.0f} bytes behind: {remedy}")
-    require(growth[1] < 1, f"each call leaves {growth[1]:.0f} files open: use with open(…)")
-    require(growth[2] < 1, f"each call leaves {growth[2]:.0f} threads running: {remedy}")
+    require(memory <= _KEPT_BYTES, f"each call leaves {memory:.0f} bytes behind: {remedy}")
+    require(files < 1, f"each call leaves {files:.0f} files open: use with open(…)")
+    require(threads < 1, f"each call leaves {threads:.0f} threads running: {remedy}")
 
 
 def _call_for_references(subject: Subject, tool: Any) -> list[Any]:
@@ -211,8 +209,8 @@ def _call_for_references(subject: Subject, tool: Any) -> list[Any]:
     ]
 
 
-def _measure_usage(subject: Subject, tool: Any) -> Float:
-    """Repeat a call in rounds, and return memory in bytes, open files and threads after each round.
+def _growth_per_call(subject: Subject, tool: Any) -> Float:
+    """Return the least growth of memory in bytes, open files and threads per call, over several rounds.
 
     The rounds end when a round adds nothing. Free lists and bounded caches fill during the first rounds,
     which takes longer if a component makes many internal calls. Leaked memory grows in every round.
@@ -221,27 +219,22 @@ def _measure_usage(subject: Subject, tool: Any) -> Float:
     if subject.kind in ON_GRAPHS:
         sizable = graph_case(subject.kind, DrawnGraph(DrawnMesh(cells=600, jitter=0.25)), "grown", 20)
         case = next(iter(drop_slow_cases(subject, [sizable])), case)
-    usage: list[tuple[int, int, int]] = []
+    least, before = np.full(3, np.inf), np.full(3, -np.inf)
     tracemalloc.start()
     try:
-        while len(usage) < 3 or (len(usage) < _MOST_ROUNDS and not _has_settled(usage)):
+        for number in range(_MOST_ROUNDS):
             for _ in range(_CALLS):
                 answer(subject, case, tool)
             gc.collect()
-            usage.append((tracemalloc.get_traced_memory()[0], _open_files(), threading.active_count()))
+            usage = tracemalloc.get_traced_memory()[0], _open_files(), threading.active_count()
+            growth, before = (np.array(usage) - before) / _CALLS, np.array(usage, float)
+            if number > 1:
+                least = np.minimum(least, growth)
+                if (growth <= (_KEPT_BYTES, 0, 0)).all():
+                    break
     finally:
         tracemalloc.stop()
-    return np.array(usage, float)
-
-
-def _growth_per_call(usage: ArrayLike) -> Float:
-    """Return the growth of memory, files and threads per call, in each round except the first."""
-    return np.diff(usage, axis=0)[1:] / _CALLS
-
-
-def _has_settled(usage: ArrayLike) -> bool:
-    """Return True if memory, files and threads hardly grew in the last round."""
-    return bool((_growth_per_call(usage)[-1] <= (_KEPT_BYTES, 0, 0)).all())
+    return least
 
 
 def _open_files() -> int:

@@ -23,7 +23,7 @@ from agglo_core.conformance.base import (
 )
 from agglo_core.conformance.inputs.drawn import drawn_labels
 from agglo_core.conformance.inputs.questions import answer
-from agglo_core.conformance.inputs.solver_answers import assemble, solve_assembled
+from agglo_core.conformance.inputs.solver_answers import assemble, solve_assembled, takes_diffusion
 from agglo_core.conformance.inputs.solver_cases import boundary_tags
 from agglo_core.conformance.inputs.strategies import mesh_cases
 from agglo_core.problems import Diffusion, Samples, System
@@ -34,10 +34,6 @@ _FLAT = 1e-6  # measure of a simplex, relative to that of its cell, below which 
 _EXAMPLES = 30  # drawn meshes for each law
 _INWARD = 1e-5  # from the corners of a simplex towards its centre, relative to the distance
 _ROUNDING = 1e-8  # relative error of a solution that is exact
-
-
-def _takes_diffusion(subject: Subject) -> bool:
-    return Diffusion.kind in subject.build().accepts
 
 
 def _offers(method: str) -> Callable[[Subject], bool]:
@@ -137,7 +133,7 @@ def samples_fill_cells(subject: Subject, case: Case) -> None:
     )
 
 
-@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=takes_diffusion)
 def symmetric_and_definite(subject: Subject, case: Case) -> None:
     """The matrix of a diffusion problem is symmetric and positive definite."""
     tool, mesh = subject.build(), case.given[1]
@@ -156,7 +152,7 @@ def symmetric_and_definite(subject: Subject, case: Case) -> None:
     )
 
 
-@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, promise="patch_test", when=_takes_diffusion)
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, promise="patch_test", when=takes_diffusion)
 def patch_test(subject: Subject, case: Case) -> None:
     """Linear solutions are met on any mesh, and linear functions are their own projections."""
     tool, mesh = subject.build(), case.given[1]
@@ -175,7 +171,7 @@ def patch_test(subject: Subject, case: Case) -> None:
             require_close(values, exact, 1e3 * _ROUNDING, f"{what}, at a centroid,")
 
 
-@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=takes_diffusion)
 def coarse_like_fine(subject: Subject, case: Case) -> None:
     """``coarse_operator`` fits the coarse mesh, is symmetric, and for single cells equals the matrix."""
     tool, mesh = subject.build(), case.given[1]
@@ -195,7 +191,7 @@ def coarse_like_fine(subject: Subject, case: Case) -> None:
     require_close(coarse, coarse.T, _ROUNDING, f"{what} is not symmetric: an entry")
 
 
-@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=takes_diffusion)
 def errors_measured(subject: Subject, case: Case) -> None:
     """The error ``l2`` of the function 1 is the root of the domain's measure if the solution is 0."""
     tool, mesh = subject.build(), case.given[1]
@@ -207,7 +203,7 @@ def errors_measured(subject: Subject, case: Case) -> None:
     require(not nothing, f"without an exact solution errors returned {nothing}, expected {{}}")
 
 
-@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=_takes_diffusion)
+@law("discretisation", draw=mesh_cases, examples=_EXAMPLES, when=takes_diffusion)
 def load_and_residuals(subject: Subject, case: Case) -> None:
     """``load`` is b without Dirichlet terms, and residuals are measured in a norm, relative to b."""
     tool, mesh = subject.build(), case.given[1]
@@ -313,7 +309,7 @@ def quadrature_fits_values(subject: Subject, case: Case) -> None:
     "discretisation",
     draw=mesh_cases,
     examples=_EXAMPLES,
-    when=lambda subject: _offers("fluxes")(subject) and _takes_diffusion(subject),
+    when=lambda subject: _offers("fluxes")(subject) and takes_diffusion(subject),
 )
 def fluxes_balance_source(subject: Subject, case: Case) -> None:
     """``fluxes`` out of each cell sum to its measure if −Δu = 1 is solved."""

@@ -14,6 +14,7 @@ from agglo_core.conformance.base import Case, Subject, as_array, law, require
 from agglo_core.conformance.inputs.drawn import DrawnMesh
 from agglo_core.conformance.inputs.mesh_cases import solved
 from agglo_core.conformance.inputs.questions import plain, questions
+from agglo_core.conformance.inputs.solver_answers import takes_diffusion
 from agglo_core.conformance.inputs.solver_cases import boundary_tags
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion
@@ -24,9 +25,8 @@ _SMALLEST, _LARGEST = 0.3, 30.0  # effectivity indices: estimate over error
 
 def _estimates(subject: Subject) -> bool:
     """Return True for estimators, and for discretisations with residuals, if they accept diffusion."""
-    return Diffusion.kind in subject.build().accepts and (
-        subject.kind == "estimator" or getattr(subject.build(), "residuals", None) is not None
-    )
+    has_residuals = getattr(subject.build(), "residuals", None) is not None
+    return takes_diffusion(subject) and (subject.kind == "estimator" or has_residuals)
 
 
 def _meshes(subject: Subject) -> list[Mesh]:

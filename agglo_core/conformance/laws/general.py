@@ -140,7 +140,7 @@ def surroundings_kept(subject: Subject) -> None:
 
 @law(*ASKED)
 def answers(subject: Subject) -> None:
-    """Every test mesh gives a result, an array of its kind's form or another object (or may be refused)."""
+    """Every test mesh gives a result of the form that its kind requires (some kinds may refuse some)."""
     test_cases = questions(subject)
     require(
         test_cases or subject.kind not in _REFUSING or _only_reads(subject), _REFUSING.get(subject.kind, "")

@@ -17,7 +17,6 @@ from agglo_core.conformance.inputs.cases import mesh_case
 from agglo_core.conformance.inputs.drawn import DrawnMesh
 from agglo_core.conformance.inputs.mesh_changes import (
     MOTIONS,
-    Change,
     beside,
     halve_faces,
     renumber_mesh,
@@ -120,7 +119,7 @@ def homogeneous(subject: Subject, case: Case) -> None:
         powers |= {declared + k for k in np.sign(declared) * np.arange(abs(declared) + 1)} | {2 * declared}
     before = plain(subject, case)
     for scale in _SCALES:
-        scaled = _with_mesh(case, transform_mesh(case.given[0], Change(scale=scale)))
+        scaled = _with_mesh(case, transform_mesh(case.given[0], scale=scale))
         values = plain(subject, scaled)
         powers = {power for power in powers if _is_scaled(subject, case, values, before, scale**power)}
         require(
@@ -141,8 +140,8 @@ def rigid_motion(subject: Subject, case: Case) -> None:
     """Translations change no value, nor do rotations and reflections unless ``directional`` is set."""
     before = plain(subject, case)
     for name, change in MOTIONS.items():
-        if not (_declares(subject, "directional") and (change.turned or change.mirror)):
-            moved = _with_mesh(case, transform_mesh(case.given[0], change))
+        if not (_declares(subject, "directional") and name in ("rotated", "mirrored")):
+            moved = _with_mesh(case, transform_mesh(case.given[0], **change))
             _require_close(
                 subject, case, plain(subject, moved), before, f"on {case.name} {name}",
                 "measure lengths and angles, not coordinates (or set directional = True if the metric "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import frozen_int
 from agglo_core.conformance.base import Broken, Case, Subject, law, require
 from agglo_core.conformance.base.asking import for_target
-from agglo_core.conformance.inputs.mesh_changes import MOTIONS, Change, renumber_mesh, transform_mesh
+from agglo_core.conformance.inputs.mesh_changes import MOTIONS, renumber_mesh, transform_mesh
 from agglo_core.conformance.inputs.questions import answer, digest, plain, questions, same
 from agglo_core.conformance.inputs.strategies import irregular_cases
 from agglo_core.conformance.laws import laws_of
@@ -39,10 +39,10 @@ def deterministic(subject: Subject) -> None:
         )
 
 
-_CHANGES = {
+_CHANGES: Mapping[str, Mapping[str, Any]] = {
     **MOTIONS,
-    **{f"scaled by {scale:g}": Change(scale=scale) for scale in (1e-7, 1e7)},
-    "renumbered": Change(),
+    **{f"scaled by {scale:g}": {"scale": scale} for scale in (1e-7, 1e7)},
+    "renumbered": {},
 }
 
 
@@ -52,7 +52,7 @@ def invariant(subject: Subject, case: Case) -> None:
     before = plain(subject, case)
     assert case.mesh is not None
     for name, change in _CHANGES.items():
-        mesh, order = transform_mesh(case.mesh, change), frozen_int(np.arange(len(before)))
+        mesh, order = transform_mesh(case.mesh, **change), frozen_int(np.arange(len(before)))
         if name == "renumbered":
             mesh, order = renumber_mesh(mesh)
         arguments = case.given[1:]

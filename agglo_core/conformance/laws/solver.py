@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from agglo_core.arrays import Float
 from agglo_core.conformance.base import Broken, Case, Subject, law, require
 from agglo_core.conformance.inputs.cases import with_problem
 from agglo_core.conformance.inputs.drawn import DrawnMesh
@@ -34,6 +35,7 @@ from agglo_core.conformance.inputs.solver_cases import (
     DrawnProblem,
     times,
 )
+from agglo_core.conformance.laws.multigrid_parts import require_linear_and_symmetric
 from agglo_core.errors import AggloError
 from agglo_core.problems import Diffusion, Linear, Solution
 from agglo_core.problems.iteration_history import TESTS
@@ -71,10 +73,8 @@ def solution_record(subject: Subject, case: Case) -> None:
     """The Solution has x and b of equal length, a square A, iterations + 1 residuals and linked levels."""
     it = solve(subject, case)
     n = len(it.x)
-    require(
-        np.shape(it.A) == (n, n) and np.shape(it.b) == (n,),
-        f"x has {n} entries, A the shape {np.shape(it.A)}, b {np.shape(it.b)}",
-    )
+    shapes = np.shape(it.A), np.shape(it.b)
+    require(shapes == ((n, n), (n,)), f"x has {n} entries, A and b the shapes {shapes}")
     require(
         isinstance(it.converged, bool | np.bool_) and isinstance(it.reason, str),
         f"converged is {it.converged!r} and reason {it.reason!r}: expected bool and str",
@@ -331,18 +331,17 @@ def symmetric(subject: Subject, case: Case) -> None:
         return
     # Scaled so that A has a unit diagonal.
     unit = np.sqrt(np.abs(matrix_of(it.A).diagonal()))
-    M = unit[:, None] * np.stack([np.ravel(operator @ column) for column in np.diag(unit)], axis=1)
-    size = np.abs(M).max()
-    u = np.random.default_rng(5).standard_normal(len(unit))
-    nonlinearity = np.abs(unit * np.ravel(operator @ (unit * u)) - M @ u).max() / (size * np.abs(u).sum())
-    require(
-        nonlinearity <= 1e-8,
-        f"M (u + v) differs from M u + M v by {nonlinearity:.1e}: use no step length that depends on the "
-        "residual and no inner iteration that stops by a tolerance, or drop the promise symmetric",
+
+    def scaled(v: Float) -> Float:
+        return np.asarray(unit * np.ravel(operator @ (unit * v)))
+
+    remedy = (
+        "use no step length that depends on the residual and no inner iteration that stops by a tolerance, "
+        "or drop the promise symmetric"
     )
-    skew = np.abs(M - M.T).max() / size
-    require(skew < 1e-6, f"M and its transpose differ by {skew:.1e}: mirror the smoothing")
-    least = float(np.linalg.eigvalsh((M + M.T) / 2)[0] / size)
+    require_linear_and_symmetric(len(unit), scaled, remedy, rounding=1e-6)
+    M = np.stack([scaled(column) for column in np.eye(len(unit))], axis=1)
+    least = float(np.linalg.eigvalsh((M + M.T) / 2)[0] / np.abs(M).max())
     require(
         least > -1e-9,
         f"M is not positive definite, its smallest eigenvalue is {least:.1e} times its largest entry: damp "

@@ -472,7 +472,7 @@ MUTANTS = [
     Mutant("told_error_holds", OtherTests, "expected some of"),
     Mutant("told_error_holds", BlamesRounding, "misses the tolerance"),
     Mutant("coarse_operators_inherited", RediscretisedUnsaid, "galerkin = False"),
-    Mutant("symmetric", GaussSeidel, "mirror", {"symmetric": True}),
+    Mutant("symmetric", GaussSeidel, "forwards and then backwards", {"symmetric": True}),
     Mutant("symmetric", ScaledByTheResidual, "no step length", {"symmetric": True}),
     Mutant("constant_found", NothingIsInsulated, "are insulated"),
     Mutant("data_superposed", FluxOrSource, "disables another"),
