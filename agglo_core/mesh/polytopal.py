@@ -238,7 +238,7 @@ class Mesh(FieldState, Derived, Tagged):
         offsets, vertices, _ = single_loops(self)
         return PolygonList(offsets, vertices)
 
-    def save(self, path: str | PathLike[str], **options: Any) -> None:
+    def write(self, path: str | PathLike[str], **options: Any) -> None:
         """Write the mesh to a file, by :func:`agglo_core.write`.
 
         Parameters
@@ -255,7 +255,7 @@ class Mesh(FieldState, Derived, Tagged):
 
         Examples
         --------
-        >>> agglo.samples.squares(4).save("squares.vtu")
+        >>> agglo.samples.squares(4).write("squares.vtu")
         >>> agglo.read("squares.vtu").n_cells
         16
         """

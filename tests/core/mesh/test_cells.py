@@ -1,4 +1,4 @@
-"""``mesh.cells``: exact vertices, the mesh rebuilt from them, holes, sequence behaviour; ``mesh.save``."""
+"""``mesh.cells``: exact vertices, the mesh rebuilt from them, holes, sequence behaviour; ``mesh.write``."""
 
 from __future__ import annotations
 
@@ -89,13 +89,13 @@ def test_cells_are_views_of_the_arrays_of_the_mesh(mesh: Mesh) -> None:
             assert not loop.flags.writeable
 
 
-def test_save_writes_the_mesh(tmp_path: Path) -> None:
+def test_write_writes_the_mesh(tmp_path: Path) -> None:
     mesh = samples.squares(3).with_tags(rock=np.arange(9))
-    mesh.save(tmp_path / "m.npz", compress=True)
+    mesh.write(tmp_path / "m.npz", compress=True)
     back = agglo.read(tmp_path / "m.npz")
     assert back.fingerprint == mesh.fingerprint
     assert back.cell_tags["rock"].tolist() == list(range(9))
     with pytest.raises(FileError, match=r"m\.foam: OpenFOAM needs a 3-D mesh, given a 2-D one"):
-        mesh.save(tmp_path / "m.foam")
+        mesh.write(tmp_path / "m.foam")
     with pytest.raises(MeshError, match="tag"):
-        samples.squares(3).with_tags(**{"a\0b": np.arange(9)}).save(tmp_path / "m.vtu")
+        samples.squares(3).with_tags(**{"a\0b": np.arange(9)}).write(tmp_path / "m.vtu")
