@@ -188,7 +188,7 @@ def test_names_are_looked_up_in_the_registry_given(registry: Registry) -> None:
     conformance("heat", registry=registry)("is_found")
 
 
-def test_a_solver_is_asked_for_the_problems_it_accepts(registry: Registry) -> None:
+def test_a_solver_is_judged_by_the_problems_it_accepts(registry: Registry) -> None:
     asked = questions(subject_of(HeatOnly, registry=registry))
     assert [case.name for case in asked] == ["the example of problem 'heat'"]
     (answers,) = (law for law in laws_for(subject_of(HeatOnly, registry=registry)) if law.name == "answers")
@@ -442,7 +442,7 @@ def test_a_plugin_outside_the_repository_passes(outside: dict[str, Any]) -> None
 
 
 @pytest.mark.slow
-def test_a_broken_plugin_is_told_what_to_do(outside: dict[str, Any]) -> None:
+def test_messages_for_a_broken_plugin_name_the_remedy(outside: dict[str, Any]) -> None:
     code, text = outside["names_of_sides"]
     assert code == 3
     messages = {r["law"]: r["message"] for r in json.loads(text)}

@@ -98,7 +98,7 @@ def subject_of_mutant(mutant: Mutant) -> Subject:
 
 
 @pytest.mark.parametrize("component", NEWCOMERS, ids=lambda each: each.__name__)
-def test_the_bugs_of_newcomers_are_told_what_to_do(component: type) -> None:
+def test_messages_for_the_bugs_of_newcomers_name_the_remedy(component: type) -> None:
     mutants = [mutant for mutant in MUTANTS if mutant.given is component]
     assert len({mutant.law for mutant in mutants}) == 1
     message = judge(law_of(mutants[0]), subject_of(component)).message

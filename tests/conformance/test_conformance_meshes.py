@@ -97,7 +97,7 @@ def test_objectives_by_hand() -> None:
     assert loose_parts(graph, frozen_int([0, 1, 0, 0])) == {(0, 0): 2, (0, 1): 1}
 
 
-def test_fingerprints_tell_where_a_change_is() -> None:
+def test_fingerprints_locate_a_change() -> None:
     graph = DrawnMesh(cells=3).mesh.graph
     before = dict(fingerprints((graph, [1])))
     graph.data["new"] = np.ones(3)  # type: ignore[index]

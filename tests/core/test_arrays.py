@@ -75,7 +75,7 @@ def test_what_fits_is_cast(cast: Any, values: Any, expected: list[Any]) -> None:
     assert type(array) is np.ndarray
 
 
-def test_arrays_that_nobody_can_write_to_are_not_copied() -> None:
+def test_read_only_arrays_are_not_copied() -> None:
     values = np.arange(3)
     assert not np.shares_memory(owned(frozen_int(values)), values)  # a read-only view of a writable array
     values.flags.writeable = False

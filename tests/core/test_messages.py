@@ -180,7 +180,7 @@ class TheirError(OptionError):
         (TheirError("depth", 3), OptionError),
     ],
 )
-def test_what_components_say_on_purpose_stays_what_it_is(error: AggloError, family: type[AggloError]) -> None:
+def test_agglo_errors_of_components_keep_their_type(error: AggloError, family: type[AggloError]) -> None:
     with pytest.raises(AggloError) as caught:
         agglo_.agglomerate(agglo_.samples.squares(2), bisector=Says(error), n_parts=2)
     assert type(caught.value) is family
@@ -188,7 +188,7 @@ def test_what_components_say_on_purpose_stays_what_it_is(error: AggloError, fami
     assert caught.value.__cause__ is error
 
 
-def test_what_they_raise_by_mistake_is_theirs() -> None:
+def test_other_exceptions_of_components_are_plugin_errors() -> None:
     with pytest.raises(PluginError, match=r"^mine raised ZeroDivisionError"), attributed("mine"):
         raise ZeroDivisionError
 

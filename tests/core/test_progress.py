@@ -58,7 +58,7 @@ def assert_whole(told: list[Progress]) -> list[str]:
     return [name for name, _ in phases(told)]
 
 
-def test_a_phase_is_told_from_0_to_1_and_never_back(unhurried: None) -> None:
+def test_a_phase_reports_from_0_to_1_and_never_back(unhurried: None) -> None:
     told: list[Progress] = []
     with phase(told.append, "counting", "sheep") as notify:
         for fraction, text in ((0.2, "one"), (0.1, ""), (0.7, "two"), (1.7, "")):
@@ -116,7 +116,7 @@ WAYS: dict[str, tuple[dict[str, Any], list[str]]] = {
 
 
 @pytest.mark.parametrize(("how", "expected"), WAYS.values(), ids=WAYS.keys())
-def test_a_run_that_is_measured_and_written_tells_every_phase(
+def test_a_measured_and_written_run_reports_every_phase(
     how: dict[str, Any], expected: list[str], tmp_path: Path, unhurried: None
 ) -> None:
     told: list[Progress] = []
@@ -210,7 +210,7 @@ def test_a_component_cannot_hide_that_it_was_cancelled(work: Callable[[Listener 
 
 
 @pytest.mark.parametrize("name", ["polydg_mg_paper", "polydg_cg"])
-def test_solving_tells_iterations_and_residuals(name: str, unhurried: None) -> None:
+def test_solving_reports_iterations_and_residuals(name: str, unhurried: None) -> None:
     hierarchy = agglo.agglomerate(MESH, **SIZES)
     solver, told = Member(default().build("solver", name), f"solver {name}"), list[Progress]()
     solution = run_solver(solver, Diffusion(), hierarchy, told.append)
@@ -226,7 +226,7 @@ def test_solving_tells_iterations_and_residuals(name: str, unhurried: None) -> N
     assert caught.value is stop
 
 
-def test_solvers_and_formats_of_others_need_not_tell(tmp_path: Path, unhurried: None) -> None:
+def test_solvers_and_formats_of_plugins_need_not_report(tmp_path: Path, unhurried: None) -> None:
     class Silent:
         def solve(self, problem: object, hierarchy: object) -> Any:
             return default().build("solver", "polydg_cg").solve(problem, hierarchy)
@@ -258,7 +258,7 @@ def telling(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     default().unregister("telling")
 
 
-def test_formats_of_others_may_tell(telling: None, tmp_path: Path, unhurried: None) -> None:
+def test_formats_of_plugins_may_report(telling: None, tmp_path: Path, unhurried: None) -> None:
     told: list[Progress] = []
     agglo.write(tmp_path / "a.told", MESH, progress=told.append)
     assert Progress("writing", 0.25, "a.told: a quarter") in told
@@ -292,7 +292,7 @@ def test_verbose_writes_lines_where_there_is_no_terminal(capsys: pytest.CaptureF
         assert listen is None
 
 
-def test_pictures_tell_runs_and_levels(tmp_path: Path, unhurried: None) -> None:
+def test_pictures_report_runs_and_levels(tmp_path: Path, unhurried: None) -> None:
     pytest.importorskip("matplotlib")
     told: list[Progress] = []
     agglo.plot.draw(
@@ -361,7 +361,7 @@ def test_a_note_stands_on_a_line_of_its_own_above_the_bar(tmp_path: Path) -> Non
 
 
 @terminals
-def test_a_bar_that_is_told_nothing_leaves_no_line(tmp_path: Path) -> None:
+def test_a_bar_without_reports_leaves_no_line(tmp_path: Path) -> None:
     assert on_terminal(tmp_path, code=NOTHING_TOLD) == ""
 
 

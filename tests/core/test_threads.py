@@ -221,7 +221,7 @@ def test_a_listener_may_stop_a_run_in_several_threads() -> None:
 
 
 @pytest.mark.parametrize(("typed", "wanted"), [([], 1), (["--threads", "3"], 3)])
-def test_a_command_uses_as_many_threads_as_it_is_told(typed: list[str], wanted: int) -> None:
+def test_a_command_uses_the_given_number_of_threads(typed: list[str], wanted: int) -> None:
     @click.command()
     @threads_option
     def count() -> None:

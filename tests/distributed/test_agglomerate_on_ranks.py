@@ -126,7 +126,7 @@ def check_rules(mesh: Mesh, found: Mapping[str, Labels]) -> None:
         assert np.bincount(labels).max() <= 60
 
 
-def test_all_that_is_promised_on_one_machine_where_the_cells_lie() -> None:
+def test_guarantees_of_one_process_hold_on_three_ranks() -> None:
     # A bisector splits the cells of one rank, as it does in the next test.
     cases = {name: how for name, how in CASES.items() if name not in ("inertial", "sweep", "gnn", "spectral")}
     mesh, found = cracked(), on_ranks(3, labels_of, cases, False, seconds=300)[0]
@@ -135,7 +135,7 @@ def test_all_that_is_promised_on_one_machine_where_the_cells_lie() -> None:
     check_rules(mesh, found)
 
 
-def test_all_of_it_with_labels_that_do_not_depend_on_the_ranks() -> None:
+def test_labels_can_be_independent_of_the_ranks() -> None:
     mesh, found, alone = (
         cracked(),
         on_ranks(2, labels_of, CASES, True, seconds=300)[0],
@@ -188,7 +188,7 @@ def anywhere(
     return found
 
 
-def test_wherever_the_cells_lie() -> None:
+def test_any_distribution_of_cells_is_agglomerated() -> None:
     mesh = samples.voronoi(900, seed=8)
     x = mesh.cell_centroids
     places = {

@@ -115,7 +115,7 @@ def in_several_ways() -> dict[Any, Any]:
     return ways | {"whole": [labelled(whole, options, how) for how in (None, True, False)]}
 
 
-def test_blocks_in_pieces_are_agglomerated_where_they_lie_unless_asked_for() -> None:
+def test_blocks_in_pieces_are_agglomerated_in_place_by_default() -> None:
     found = on_ranks(3, in_several_ways, seconds=100.0)[0]
     (default, told, _), (lying, _, _), (asked, independent, sent) = found[None], found[False], found[True]
     assert (told, independent) == (False, True)

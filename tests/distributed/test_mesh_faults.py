@@ -264,7 +264,7 @@ def refuse_all() -> list[str]:
     return touching(ranks)
 
 
-def test_what_is_wrong_on_one_rank_is_told_on_all() -> None:
+def test_faults_on_one_rank_are_raised_on_all() -> None:
     warnings = on_ranks(3, refuse_all)
     assert [len(each) for each in warnings] == [1, 0, 0]
     assert warnings[0][0].startswith(

@@ -14,7 +14,7 @@ import pytest
 NOTEBOOKS = sorted((Path(__file__).parents[2] / "docs" / "notebooks").glob("*.ipynb"))
 
 
-def test_there_are_three() -> None:
+def test_the_list_of_notebooks() -> None:
     assert [path.stem for path in NOTEBOOKS] == [
         "materials-and-fractures",
         "mesh-to-levels",

@@ -28,7 +28,7 @@ from shape_study.work import SOLVERS, metrics_of
 @pytest.mark.parametrize(
     "source", ["voronoi:n=300,seed=1", pytest.param("voronoi3d:n=300,seed=1", marks=pytest.mark.slow)]
 )
-def test_levels_are_nested_and_of_the_size_or_number_asked_for(source: str, kind: Kind) -> None:
+def test_levels_are_nested_and_have_the_given_size_or_number(source: str, kind: Kind) -> None:
     mesh = samples.from_spec(source)
     target = target_of(mesh, kind, [4, 16, 64])
     for name in ("kmeans", "branches", "kmeans k-way, annealed"):

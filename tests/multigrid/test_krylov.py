@@ -96,7 +96,7 @@ def test_the_energy_error_is_bounded_closely_if_the_preconditioner_is_good() -> 
     assert (exact.converged, exact.iterations) == (True, 1)
 
 
-def test_each_test_may_stop_alone_and_all_are_told() -> None:
+def test_each_test_may_stop_alone_and_all_are_reported() -> None:
     """Of few large eigenvalues the residual is large long after the error is small, and the other way."""
     M = inverse(0.4)
     found = {stop: pcg(A, b, M, tolerance=1e-6, stop=stop) for stop in ("energy", "residual", "both")}
@@ -139,7 +139,7 @@ def test_an_iteration_goes_on_from_a_guess() -> None:
     assert energy_error(far.x) <= 1e-4
 
 
-def test_single_precision_that_does_not_suffice_is_told_and_another_goes_on() -> None:
+def test_insufficient_single_precision_is_detected_and_replaced() -> None:
     """Eigenvalues over ten orders: in single precision the smallest ones of M drown in noise."""
     values = np.geomspace(1e-9, 1.0, N)
     bad = (Q * values) @ Q.T
@@ -259,7 +259,7 @@ def test_plain_conjugate_gradients_name_their_end_too() -> None:
 
 
 @pytest.mark.parametrize("noise", [0.1, 0.5])
-def test_energy_errors_of_all_iterates_are_told(noise: float) -> None:
+def test_energy_errors_of_all_iterates_are_reported(noise: float) -> None:
     found = pcg(A, b, inverse(noise), tolerance=1e-8)
     errors = found.energy_errors
     assert len(errors) == len(found.residuals) == found.iterations + 1 > 4
@@ -289,7 +289,7 @@ def far_apart(n: int = 60) -> np.ndarray:
     return (made + made.T) / 2
 
 
-def test_where_rounding_ends_it_x_is_as_accurate_as_by_elimination() -> None:
+def test_x_limited_by_rounding_is_as_accurate_as_by_elimination() -> None:
     hard = far_apart()
     wanted = np.ones(len(hard))
     exact = np.linalg.solve(hard, wanted)

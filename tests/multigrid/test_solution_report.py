@@ -36,14 +36,14 @@ def test_contraction_is_a_geometric_mean() -> None:
         assert replace(PLAIN, residuals=np.array(residuals)).contraction is None
 
 
-def test_what_a_solver_does_not_tell_is_found_or_empty() -> None:
+def test_attributes_that_a_solver_lacks_are_computed_or_empty() -> None:
     data = report(MESH, Linear(A, b, np.arange(5)), PLAIN)
     assert (data["operator_complexity"], data["grid_complexity"]) == (1.0, 1.0)
     assert (data["memory"], data["cpu_seconds"], data["choice"], data["advice"]) == (None, {}, "", "")
     assert "advice" not in text("x", data)
 
 
-def test_what_it_tells_is_in_data_and_text() -> None:
+def test_attributes_of_a_solution_are_in_data_and_text() -> None:
     data = report(MESH, Linear(A, b, np.arange(5)), TOLD)
     assert json.loads(json.dumps(data)) == data
     assert (data["operator_complexity"], data["grid_complexity"], data["memory"]) == (1.5, 1.25, 12_300_000)

@@ -84,7 +84,7 @@ def test_cycles_of_three_levels_precondition_conjugate_gradients(smoother: str, 
     assert counts[1] < 0.6 * counts[0]
 
 
-def test_coarse_levels_are_inherited_and_know_their_parts() -> None:
+def test_coarse_levels_are_inherited_with_their_parts() -> None:
     seen: list[MultigridLevel] = []
 
     class Watches:

@@ -69,7 +69,7 @@ def test_small_systems_are_for_direct_solvers_and_large_ones_for_multigrid(
 
 
 @with_all
-def test_it_says_what_would_be_used(installed: tuple[str, ...]) -> None:
+def test_the_advice_names_the_available_backend(installed: tuple[str, ...]) -> None:
     said = advice_of_multigrid(Sized(1e4), "cells", 1, "sharp")
     other = ",backend=superlu" if installed[0] == "cholmod" else ""
     assert f"use the solver direct:penalty=sharp{other}" in said
@@ -83,7 +83,7 @@ def test_it_says_what_would_be_used(installed: tuple[str, ...]) -> None:
 
 
 @pytest.mark.parametrize("installed", [("superlu",)], indirect=True)
-def test_solutions_carry_it(installed: tuple[str, ...]) -> None:
+def test_solutions_carry_advice(installed: tuple[str, ...]) -> None:
     mesh = samples.voronoi(60, seed=2)
     solution = PolyDGMultigrid(2).solve(SOURCE, bare(mesh))
     limit = advice._ONE["superlu", "groups"].most * len(solution.x) / solution.A.nnz
@@ -125,7 +125,7 @@ def test_systems_that_direct_does_not_take_get_no_advice(installed: tuple[str, .
     np.testing.assert_allclose(even.A @ (inverse @ even.b), even.b)
 
 
-def test_the_command_prints_it(agglo: Agglo) -> None:
+def test_the_command_prints_the_advice(agglo: Agglo) -> None:
     done = agglo("solve", "squares:n=8", "--no-cg")
     data = agglo("solve", "squares:n=8", "--no-cg", "--json").data
     assert f"advice: {data['advice']}" in " ".join(done.out.split())

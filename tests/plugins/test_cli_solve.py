@@ -71,7 +71,7 @@ def test_json_of_the_papers_case(agglo: Agglo) -> None:
     assert (data["outcome"], data["backward_error"]) == ("converged", None)
 
 
-def test_levels_without_agglomerates_are_told_by_their_unknowns(agglo: Agglo) -> None:
+def test_levels_without_agglomerates_print_their_unknowns(agglo: Agglo) -> None:
     data = agglo("solve", "voronoi:n=900", "--json", "--no-cg").data
     cells, dofs = ([level[name] for level in data["levels"]] for name in ("cells", "dofs"))
     assert (cells[0], dofs[0], set(cells[1:])) == (900, 2700, {None})

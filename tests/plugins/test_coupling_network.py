@@ -123,7 +123,7 @@ def test_flat_cells_with_coefficients_that_jump() -> None:
     assert found.iterations <= 20
 
 
-def test_layers_are_told_by_the_cost_of_jumps() -> None:
+def test_layers_are_detected_by_the_cost_of_jumps() -> None:
     def layers(mesh: Mesh) -> bool:
         return choose(mesh, face_penalty(mesh, 1), np.ones(mesh.n_cells), 1).layers
 

@@ -44,7 +44,7 @@ def test_squeezed_polygons(ratio: float, degree: int, most: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("degree", "most"), [(1, 16), (2, 20)])
-def test_more_squeezed_polygons(degree: int, most: int) -> None:
+def test_iterations_on_more_squeezed_polygons(degree: int, most: int) -> None:
     for ratio in (1e-3, 1e-6):
         mesh = squeezed(samples.voronoi(5000, seed=FRESH), ratio)
         assert solved(mesh, degree).iterations <= most, f"seed {FRESH}"

@@ -242,7 +242,7 @@ def test_looking_ahead_needs_a_size_to_look_to():
 
 
 @rasterised
-def test_being_told_a_target_leaves_the_bisector_as_it_was(level):
+def test_for_target_does_not_change_the_bisector(level):
     bisector = FastGNN(lookahead=4)
     told = bisector.for_target(Target(h_star=0.2))
     np.testing.assert_array_equal(sides_of(level, told), look_ahead(level, bisector.fast_sides, 4, 0.2))

@@ -366,7 +366,7 @@ def test_training_lowers_the_loss_and_depends_on_the_seed_alone():
     assert other[0].loss != epochs[0].loss
 
 
-def test_the_losses_told_are_those_of_the_network():
+def test_the_reported_losses_are_those_of_the_network():
     training, epochs = run(replace(TINY, epochs=1))
     fresh = list(paper_data.draw(TINY.validation, np.random.default_rng([TINY.seed, 1])))
     losses, one_sided = [], []
@@ -417,7 +417,7 @@ def test_a_training_taken_up_again_ends_in_the_same_file(tmp_path, monkeypatch):
         raise paper(tmp_path, "--epochs", 9, "--resume", *stop).exception
 
 
-def test_what_a_training_says(tmp_path, monkeypatch):
+def test_a_training_prints_one_line_per_epoch(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = paper(tmp_path, "--epochs", 2)
     assert "one-sided" in done.stderr
@@ -466,7 +466,7 @@ def test_networks_that_do_not_fit_are_refused(nets, name, reason):
 
 
 @pytest.mark.parametrize("target", ["Called", "wipe", "argued", "Small_instance", "os.abort"])
-def test_what_builds_no_network_is_not_called(nets, target):
+def test_objects_that_build_no_network_are_not_called(nets, target):
     (nets / "my_nets.py").write_text(
         NETS
         + "\nimport os\nclass Called:\n    def __init__(self): open('called', 'w').close()\n"

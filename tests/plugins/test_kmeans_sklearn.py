@@ -39,7 +39,7 @@ def test_the_library_s_own_result(seed):
     assert len(set(sides.tolist())) == 2
 
 
-def test_two_clusters_are_told_apart_at_any_scale_and_place():
+def test_two_clusters_are_separated_at_any_scale_and_place():
     rng = np.random.default_rng(1)
     points = np.r_[rng.random((20, 2)), rng.random((30, 2)) + np.array([3, 1])]
     for scale in (1e-9, 1.0, 1e9):

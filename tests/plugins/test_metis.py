@@ -224,7 +224,7 @@ def test_an_effort_searches_from_the_parts_of_metis(objective, effort):
     assert score(mesh.graph, annealed) < 0.95 * score(mesh.graph, plain)
 
 
-def test_with_an_effort_sizes_and_balance_may_be_asked_for():
+def test_an_effort_can_be_combined_with_sizes_and_balance():
     mesh = agglo.samples.random_triangles(200, seed=8)
     for objective in ("solver", "roundness"):
         options = {"effort": "fast", "objective": objective}

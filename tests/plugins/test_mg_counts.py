@@ -94,7 +94,7 @@ def test_the_number_of_levels_does_not_matter(grid: str, bisector: str) -> None:
     assert max(found) - min(found) <= max(1, 0.05 * max(found))
 
 
-def test_nor_does_it_with_six_levels() -> None:
+def test_the_number_of_levels_does_not_matter_up_to_six() -> None:
     hierarchy = agglomerate(samples.voronoi(1000, seed=1), n_parts=(250, 64, 16, 4, 1))
     solvers = [default().build("solver", "polydg_mg_paper", levels=n) for n in range(2, 7)]
     counts = [solver.solve(CONSTANT, hierarchy).iterations for solver in solvers]
@@ -117,7 +117,7 @@ def test_plain_conjugate_gradients_within_a_hundredth(grid: str, counts: list[in
     assert [each.iterations for each in found] == pytest.approx(counts, rel=0.01)
 
 
-def test_where_plain_conjugate_gradients_fail_the_smallest_residual_is_told() -> None:
+def test_plain_conjugate_gradients_that_fail_return_the_smallest_residual() -> None:
     found = solved("polydg_cg", "random", "inertial", degree=3)
     assert not found.converged
     assert found.residuals[-1] == found.residuals.min() > 1e-4

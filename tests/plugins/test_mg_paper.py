@@ -51,7 +51,7 @@ def test_every_switch_solves_the_same_system(solver: PaperMultigrid, voronoi: Hi
     assert set(solution.seconds) == {"assemble", "setup", "solve"}
 
 
-def test_a_smoother_and_a_coarse_solver_of_ones_own(voronoi: Hierarchy) -> None:
+def test_custom_smoother_and_coarse_solver(voronoi: Hierarchy) -> None:
     """Richardson steps on the Schwarz preconditioner, a solve by the inverse."""
 
     def richardson(A: Array, local: Solve, coarse: Solve | None, steps: int) -> Smooth:
@@ -157,7 +157,7 @@ def test_a_jump_of_the_coefficient_hides_no_error_beside_dirichlet_data(
 @pytest.mark.parametrize(
     "solver", [PaperMultigrid(), PaperMultigrid(smoother="block_jacobi", max_iterations=300)]
 )
-def test_nor_that_of_an_island(solver: PaperMultigrid) -> None:
+def test_a_wrong_value_of_an_island_is_not_called_converged(solver: PaperMultigrid) -> None:
     """A strip at u = 1 and an island, both of large κ: the value of the island hangs on what lies between."""
     mesh = with_sides(samples.squares(16))
     middle = mesh.cell_centroids

@@ -174,7 +174,7 @@ def test_preconditioner_and_prolongation_take_the_users_numbers(monkeypatch, mes
     assert abs(P[rows] - same).max() == 0
 
 
-def test_matrices_are_made_when_asked_for(monkeypatch, mesh: Mesh) -> None:
+def test_matrices_are_assembled_on_first_access(monkeypatch, mesh: Mesh) -> None:
     monkeypatch.setattr(numbering, "FEW", {2: 1})
     found = PolyDGMultigrid().solve(Diffusion(), bare(mesh))
     assert isinstance(vars(found)["A"], Deferred)

@@ -124,7 +124,7 @@ def test_gnn_beside_the_authors_files(quick: Quick) -> None:
 
 
 @pytest.mark.slow
-def test_metis_is_asked_for_the_papers_counts(quick: Quick) -> None:
+def test_metis_gets_the_papers_counts(quick: Quick) -> None:
     counts = table(quick.folder, "uf", "uf-K")
     for name in ("METIS", "METIS, best options"):
         found = [counts[name]["cells"][grid]["ours"] for grid in published_values()["uf"]]
@@ -231,7 +231,9 @@ def test_what_cannot_be_used_says_why() -> None:
 
 
 @pytest.mark.slow
-def test_a_mesh_of_ones_own(quick: Quick, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_custom_mesh_replaces_the_brain(
+    quick: Quick, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     steps = np.arange(9) / 8
     points = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)

@@ -88,7 +88,7 @@ def test_high_degrees_on_flat_triangles_converge_or_are_lost_in_rounding(degree:
 
 
 @pytest.mark.parametrize("seed", [FRESH, FRESH + 1])
-def test_where_rounding_ends_it_nothing_more_is_to_be_had(seed: int) -> None:
+def test_accuracy_limited_by_rounding_is_that_of_a_direct_solver(seed: int) -> None:
     """At degree 5 the energy error cannot fall to 1e-10: a direct solver ends there, too, and says so."""
     mesh = samples.random_triangles(100, seed=seed)
     asked = {"degree": 5, "tolerance": 1e-12}
@@ -114,7 +114,9 @@ def inclusions(mesh: Mesh, seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("tolerance", [1e-8, 1e-12])
 @pytest.mark.parametrize("recipe", ["auto", "patches"])
-def test_a_residual_that_rounding_keeps_up_is_told_from_the_error(recipe: str, tolerance: float) -> None:
+def test_a_residual_limited_by_rounding_is_distinguished_from_the_error(
+    recipe: str, tolerance: float
+) -> None:
     """Inclusions of 1e-6 make x large: rounding of A x exceeds 1e-8 of b, for direct solvers too."""
     mesh = samples.squares(40)
     problem = Diffusion(inclusions(mesh, FRESH), 8.0)
@@ -387,7 +389,7 @@ def test_seconds_of_levels_that_it_makes_are_a_phase_of_their_own() -> None:
         assert list(seconds) == [each for each in phases if each != "hierarchy"]
 
 
-def test_energy_errors_and_tolerance_of_all_iterates_are_told() -> None:
+def test_energy_errors_and_tolerance_of_all_iterates_are_reported() -> None:
     mesh = samples.voronoi(300, seed=FRESH)
     found = PolyDGMultigrid(tolerance=1e-7).solve(SOURCE, bare(mesh))
     assert found.tolerance == 1e-7

@@ -191,7 +191,7 @@ def test_on_one_square_the_constant_is_that_of_the_formula() -> None:
 
 
 @pytest.mark.parametrize("callable_kappa", [False, True])
-def test_what_a_cell_asks_is_enough_and_no_more(callable_kappa: bool) -> None:
+def test_the_penalty_of_a_cell_is_sufficient_and_sharp(callable_kappa: bool) -> None:
     """The eigenproblem of each cell by scipy: 1 up to the bound of its largest eigenvalue."""
     mesh, degree = scattered(samples.voronoi(40, seed=4), 5, np.random.default_rng(1)), 3
     basis = Basis(mesh, degree)
@@ -234,7 +234,7 @@ def asked_of(S: Array, forms: Array, lengths: Array) -> Array:
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
-def test_what_cells_ask_is_what_the_formulas_say(degree: int) -> None:
+def test_penalties_of_cells_agree_with_the_formulas(degree: int) -> None:
     """Of more cells than are taken at a time."""
     mesh, rng = samples.voronoi(90, seed=7), np.random.default_rng(degree)
     basis, kappa = Basis(mesh, degree, True), rng.uniform(1, 9, mesh.n_cells)
@@ -339,7 +339,7 @@ def test_the_option() -> None:
             PolyDG(1, bad, False)  # type: ignore[arg-type]
 
 
-def test_solvers_take_it() -> None:
+def test_the_papers_solvers_accept_the_sharp_penalty() -> None:
     mesh = samples.voronoi(80, seed=5)
     hierarchy = agglo.agglomerate(mesh, n_parts=(20, 5))
     found = [

@@ -30,7 +30,7 @@ def test_the_best_combination_is_that_of_least_squares_in_the_energy_norm() -> N
     np.testing.assert_allclose(best_combination(sparse.csr_array(A), b, list(V)), expected, rtol=1e-9)
 
 
-def test_it_extrapolates_what_changes_smoothly() -> None:
+def test_best_combination_extrapolates_smooth_changes() -> None:
     """Polynomials in time of degree 3 exactly, from vectors alike in five digits."""
     rng = np.random.default_rng(2)
     A, parts = positive_definite(40, rng), rng.standard_normal((4, 40))
@@ -50,7 +50,7 @@ def test_vectors_that_are_parallel_or_0_do_no_harm() -> None:
 
 
 @pytest.mark.parametrize("width", [1, 3, 6, 10])
-def test_it_is_the_same_for_a_matrix_in_blocks(width: int) -> None:
+def test_best_combination_agrees_for_block_matrices(width: int) -> None:
     """Its energies come from a kernel of their own, of 8 vectors at most."""
     rng = np.random.default_rng(4)
     n = 8 * width
@@ -83,7 +83,7 @@ def test_half_products_are_those_of_numpy() -> None:
     np.testing.assert_allclose(products, half @ V, rtol=1e-12, atol=1e-12)
 
 
-def test_the_correction_told_at_the_end_is_a_step_towards_the_solution() -> None:
+def test_the_returned_correction_is_a_step_towards_the_solution() -> None:
     """Of a good preconditioner of whatever scale; none without an iteration."""
     rng = np.random.default_rng(11)
     turn = np.linalg.qr(rng.standard_normal((60, 60)))[0]

@@ -59,7 +59,7 @@ def test_matrices_and_penalties_are_those_of_a_fresh_assembly(name: str, degree:
         require_same(how.lifted(problem, mesh, units.basis, units), how.lifted(problem, mesh))
 
 
-def test_so_are_those_of_cells_too_thin_for_the_sharp_penalty() -> None:
+def test_unit_forms_of_cells_too_thin_for_the_sharp_penalty() -> None:
     mesh, how = samples.random_triangles(40, seed=5), PolyDG(3, "sharp", False)
     mesh = replace(mesh, points=mesh.points * [1.0, 1e-7])
     units = UnitForms(how.basis(mesh))

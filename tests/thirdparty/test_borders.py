@@ -90,7 +90,7 @@ def lines_of_code(tree: ast.Module) -> int:
     return len(lines)
 
 
-def test_it_is_discovered_and_listed(answers: Mapping[str, Answer]) -> None:
+def test_the_plugin_is_discovered_and_listed(answers: Mapping[str, Answer]) -> None:
     records = [each for each in json.loads(answers["listing"].out) if each["plugin"] == "borders"]
     assert {each["kind"]: each["name"] for each in records} == DECLARED
     origins = {(each["state"], each["distribution"], each["version"]) for each in records}

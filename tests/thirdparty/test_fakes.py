@@ -100,7 +100,9 @@ def test_a_command_whose_name_is_taken_has_another(answers: Mapping[str, Answer]
     assert (answers[TAKEN].code, answers[TAKEN].out) == (0, "mine\n")
 
 
-def test_a_twin_alone_is_in_nobodys_way(zoo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_twin_works_when_the_other_is_blocked(
+    zoo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("AGGLO_BLOCK", "pollux")
     command = ["run", "strip:n=8", "--bisector", "twins", "--parts", "4", "--quiet"]
     (answer,) = converse(zoo, [command], tmp_path)

@@ -39,7 +39,7 @@ def answers(hilbert: Path, tmp_path_factory: pytest.TempPathFactory) -> Mapping[
     return dict(zip(COMMANDS, given, strict=True))
 
 
-def test_it_is_discovered_and_listed(answers: Mapping[str, Answer]) -> None:
+def test_the_plugin_is_discovered_and_listed(answers: Mapping[str, Answer]) -> None:
     records = [each for each in json.loads(answers["listing"].out) if each["plugin"] == "hilbert"]
     assert [(each["kind"], each["name"]) for each in records] == [
         ("bisector", "hilbert"),
@@ -53,14 +53,14 @@ def test_it_is_discovered_and_listed(answers: Mapping[str, Answer]) -> None:
 
 
 @pytest.mark.parametrize("run", ["run", "options", "qualified"])
-def test_it_runs_from_the_command_line(answers: Mapping[str, Answer], run: str) -> None:
+def test_the_bisector_runs_from_the_command_line(answers: Mapping[str, Answer], run: str) -> None:
     (result,) = json.loads(answers[run].out)["runs"]
     (level,) = result["levels"]
     assert (level["parts"], level["connected"], level["UF"]) == (16, 1.0, 1.0)  # squares of 2 × 2 cells
     assert level["CR"] == pytest.approx(2**-0.5)
 
 
-def test_it_runs_in_space(answers: Mapping[str, Answer]) -> None:
+def test_the_bisector_runs_in_3d(answers: Mapping[str, Answer]) -> None:
     (level,) = json.loads(answers["solid"].out)["runs"][0]["levels"]
     assert (level["parts"], level["connected"]) == (8, 1.0)
     assert level["max_diameter"] == pytest.approx(3**0.5 / 2)  # cubes of 2 × 2 × 2 cells

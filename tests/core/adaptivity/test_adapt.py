@@ -260,7 +260,7 @@ class Centred(Wrong):
         return mesh.cell_measures * np.exp(-np.linalg.norm(mesh.cell_centroids - 0.5, axis=1))
 
 
-def test_an_estimator_of_ones_own() -> None:
+def test_a_custom_estimator_drives_adapt() -> None:
     mesh = samples.squares(12)
     found = agglo.adapt(mesh, max_unknowns=300, estimator=Centred(), solver="direct")
     assert found.steps[-1].oscillation is None

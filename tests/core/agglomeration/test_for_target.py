@@ -40,7 +40,7 @@ class Told:
         ({"n_parts": (4, 2)}, [{"parts": 2}, {"parts": 4}]),
     ],
 )
-def test_a_bisector_that_is_told_splits_for_one_target_after_the_other(given, wanted):
+def test_a_bisector_gets_one_target_after_the_other(given, wanted):
     used = []
     agglo.agglomerate(GRID, bisector=Told(used), **given)
     assert [target for target, _ in groupby(used)] == [agglo.Target(**each) for each in wanted]

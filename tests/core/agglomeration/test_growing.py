@@ -125,7 +125,7 @@ def test_the_splits_of_a_small_grid_by_hand() -> None:
     assert labels[0].reshape(4, 4).tolist() == [[0, 1, 2, 3]] * 2 + [[4, 5, 6, 7]] * 2
 
 
-def test_who_it_is_not_made_for_goes_depth_by_depth() -> None:
+def test_other_pipelines_grow_depth_by_depth() -> None:
     class Fixer(ConnectivityFixer):
         """Who knows what it does."""
 
@@ -142,7 +142,7 @@ def test_who_it_is_not_made_for_goes_depth_by_depth() -> None:
     assert run(refiners=(), post_refiners=("interface",), cells_per_part=6)
 
 
-def test_whoever_watches_is_told_of_every_depth_and_of_progress() -> None:
+def test_every_depth_and_fraction_is_reported() -> None:
     mesh = samples.triangles(12)
     graph, goals = mesh.graph, [CountGoal(100), CountGoal(12)]
     told: list[Progress] = []
@@ -163,7 +163,7 @@ def test_whoever_watches_is_told_of_every_depth_and_of_progress() -> None:
     assert told[-1].text == "level 2 of 2: 100 parts"
 
 
-def test_a_run_is_ended_by_who_is_told() -> None:
+def test_an_exception_of_the_listener_ends_the_run() -> None:
     class Enough(Exception):
         """What whoever is told says."""
 

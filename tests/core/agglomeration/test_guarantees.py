@@ -173,7 +173,7 @@ def test_regular_grids_fall_into_sixteen_squares(bisector, grid):
 
 @pytest.mark.parametrize("grid", ["squares", "triangles"])
 @pytest.mark.parametrize("bisector", ["kmeans", "inertial"])
-def test_turned_and_shifted_grids_do_too(bisector, grid):
+def test_turned_and_shifted_grids_give_sixteen_squares(bisector, grid):
     rng = np.random.default_rng(1)
     for angle, direction in 2 * np.pi * rng.random((8, 2)):
         shift = 1e6 * np.array([np.cos(direction), np.sin(direction)])

@@ -64,7 +64,7 @@ def test_sizes_are_met(bisector, mesh):
         assert len(np.unique(mesh.graph.components(labels))) == labels.max() + 1
 
 
-def test_one_part_asks_nobody():
+def test_one_part_needs_no_partitioner():
     scatter = Scatter()
     result = agglo.agglomerate(samples.disconnected(3), bisector=scatter, method="kway", n_parts=2)
     assert result.parts == [2]

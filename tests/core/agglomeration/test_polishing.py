@@ -20,7 +20,7 @@ def test_a_part_emptied_by_undoing_another_move_gets_its_cells_back() -> None:
     assert not (broken | wide).any()
 
 
-def test_a_part_broken_from_the_start_is_told_though_other_moves_are_undone() -> None:
+def test_a_part_broken_from_the_start_is_reported() -> None:
     strip = samples.strip(8).graph
     before = np.array([0, 1, 0, 2, 2, 3, 3, 3])
     after = np.array([0, 1, 0, 2, 2, 3, 2, 3])

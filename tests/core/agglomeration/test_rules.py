@@ -38,7 +38,7 @@ def test_regions_by_tag_by_tags_and_by_array():
         agglo.agglomerate(mesh, n_parts=3, regions=("rock", "layer"))
 
 
-def test_cells_that_are_not_asked_for_stay_single():
+def test_cells_outside_where_stay_single():
     for where in (LEFT, "rock", "rock=1", {"rock": [1, 5]}, ["none", "rock"]):
         mesh = replace(FINE, cell_tags={"rock": LEFT.astype(int), "none": 0 * LEFT})
         labels = agglo.agglomerate(mesh, cells_per_part=8, where=where).levels[0]
@@ -316,7 +316,7 @@ def test_counts_are_shared_out_by_cells_measure_or_weights():
     assert agglo.agglomerate(tagged, n_parts=10, weights="load").parts == [10]
 
 
-def test_the_imbalance_is_told():
+def test_the_imbalance_is_in_the_statistics():
     mesh = samples.voronoi(300, seed=1)
     weights = np.random.default_rng(0).uniform(1, 5, mesh.n_cells)
     hierarchy = agglo.agglomerate(mesh, n_parts=(20, 5), weights=weights)

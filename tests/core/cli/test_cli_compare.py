@@ -45,7 +45,7 @@ def test_lists_of_components_are_split() -> None:
     ]
 
 
-def test_combinations_come_in_the_order_asked_for(agglo: Agglo) -> None:
+def test_combinations_come_in_the_given_order(agglo: Agglo) -> None:
     ask = ["--bisector", "inertial,kmeans", "--method", "kway,recursive", "--parts", "16,4", "--json"]
     code, out, _ = agglo("compare", "squares:n=8", *ask)
     assert code == 0
@@ -101,7 +101,7 @@ def test_the_mean_diameter_over_the_size_stands_beside_the_number_of_parts_where
     assert "diameter_ratio" not in agglo("quality", "counted.npz").out
 
 
-def test_diameters_are_compared_with_the_size_asked_for(agglo: Agglo) -> None:
+def test_diameters_are_compared_with_h_star(agglo: Agglo) -> None:
     code, out, _ = agglo("compare", "squares:n=8", "--bisector", "kmeans", "--h-star", "0.5", "--json")
     assert code == 0
     (level,) = json.loads(out)["runs"][0]["levels"]

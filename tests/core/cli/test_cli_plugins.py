@@ -18,7 +18,7 @@ def test_a_component_shows_its_options(agglo: Agglo) -> None:
     assert lines[place + 1].startswith("Allowed imbalance in thousandths")
 
 
-def test_its_options_as_data(agglo: Agglo) -> None:
+def test_options_of_a_component_as_json(agglo: Agglo) -> None:
     done = agglo("plugins", "metric:diameter_ratio", "--json")
     (record,) = json.loads(done.out)
     (option,) = record["options"]

@@ -147,7 +147,7 @@ def test_sigterm_during_a_write_leaves_nothing(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == []
 
 
-def test_sigterm_is_handled_only_where_nobody_else_does() -> None:
+def test_sigterm_is_handled_only_without_another_handler() -> None:
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     with pytest.raises(Terminated), terminations():
         signal.raise_signal(signal.SIGTERM)

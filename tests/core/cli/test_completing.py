@@ -51,7 +51,7 @@ def offered(line: str) -> list[str]:
         ("agglo run m.vtu --bisector nobody:", []),
     ],
 )
-def test_what_follows(line: str, expected: list[str]) -> None:
+def test_completions_of_a_line(line: str, expected: list[str]) -> None:
     assert offered(line) == expected
 
 

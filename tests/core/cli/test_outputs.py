@@ -256,7 +256,7 @@ def test_what_cannot_be_compressed_is_refused_before_a_run(
     assert (said.code, "has no option 'compress'" in said.err) == (2, True)
 
 
-def test_coarse_meshes_beside_a_file_are_told_of(agglo: Agglo) -> None:
+def test_the_coarse_meshes_beside_a_file_are_printed(agglo: Agglo) -> None:
     _, out, _ = agglo("run", "squares:n=4", "--parts", "4,2", "-o", "a.vtu")
     assert "wrote a.vtu, and 2 coarse meshes in the same folder, starting with a_level0.vtu" in " ".join(
         out.split()

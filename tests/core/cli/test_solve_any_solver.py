@@ -144,7 +144,7 @@ def test_what_does_not_fit_is_one_line(agglo: Agglo, arguments: list[str], messa
     assert sorted(Path().iterdir()) == before
 
 
-def test_a_solid_mesh_is_refused_by_who_knows(agglo: Agglo) -> None:
+def test_a_plane_discretisation_refuses_a_solid_mesh(agglo: Agglo) -> None:
     assert "cell values are for the plane" in agglo("solve", "boxes:n=2", "--solver", "fluxes").err
     assert agglo("solve", "boxes:n=3", "--solver", "bare", "--parts", "4").code == 0
 
@@ -256,7 +256,7 @@ def test_names_are_looked_up_in_the_registry_given(tmp_path: Path) -> None:
         named_problem("ring", mesh, registry=registry)
 
 
-def test_a_problem_is_asked_how_it_is_posed() -> None:
+def test_posed_on_drops_an_exact_solution_without_its_data() -> None:
     square, ring = samples.squares(4), samples.boxes(2)
     everywhere = Diffusion(exact=lambda x: np.prod(x * (1 - x), axis=1))
     assert everywhere.posed_on(square) is everywhere
@@ -267,7 +267,7 @@ def test_a_problem_is_asked_how_it_is_posed() -> None:
     assert held.posed_on(square) is held
 
 
-def test_a_discretisation_that_lacks_something_is_told() -> None:
+def test_missing_methods_of_a_discretisation_are_named() -> None:
     half = SimpleNamespace(discretisation=SimpleNamespace(accepts=("diffusion",), sample=len))
     with pytest.raises(OptionError, match="lacks assemble, check, coarse_operator, errors, evaluate"):
         discretisation_of(half, Diffusion())

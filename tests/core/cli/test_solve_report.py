@@ -83,7 +83,7 @@ def test_pictures_of_convergence(tmp_path: Path, suffix: str) -> None:
         draw_convergence({"ours": SOLUTION}, tmp_path / "c.xyz")
 
 
-def test_the_section_tells_levels_phases_and_recipe() -> None:
+def test_the_section_contains_levels_phases_and_recipe() -> None:
     section = solve_section({"ours": data_of(SOLUTION)})
     said = text_of(section)
     assert "Converged after 3 iterations: tolerance met by residual and energy error." in said

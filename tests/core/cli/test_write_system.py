@@ -39,7 +39,7 @@ def mine() -> System:
     return CellValues().assemble(Diffusion(source=8.0), samples.squares(6))
 
 
-def test_one_archive(agglo: Agglo, mine: System) -> None:
+def test_an_npz_archive_holds_matrix_and_levels(agglo: Agglo, mine: System) -> None:
     done = agglo(*ASKED, "fluxes", "--write-system", "s.npz")
     assert done.code == 0
     assert "wrote s.npz" in done.out

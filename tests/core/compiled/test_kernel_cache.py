@@ -63,7 +63,7 @@ print(multiplied(7), sum(multiplied.stats.cache_hits.values()))
 """
 
 
-def test_a_kernel_whose_helper_changed_is_compiled_anew(tmp_path: Path) -> None:
+def test_a_kernel_whose_helper_changed_is_recompiled(tmp_path: Path) -> None:
     def run(factor: int, write: bool = False) -> list[int]:
         (tmp_path / "helpers.py").write_text(HELPERS.format(factor=factor))
         (tmp_path / "loops.py").write_text(LOOPS)
@@ -138,7 +138,7 @@ def test_an_installed_kernel_is_loaded(kept: tuple[Path, Any]) -> None:
     assert loaded(folder, context).entry_point is not None
 
 
-def test_another_processor_gets_none(kept: tuple[Path, Any]) -> None:
+def test_machine_code_is_not_loaded_on_another_processor(kept: tuple[Path, Any]) -> None:
     folder, context = kept
     triple, name, features = context.codegen().magic_tuple()
     for machine in ((triple, "another", features), (triple, name, "")):
@@ -188,13 +188,17 @@ def test_an_unknown_level_is_refused(tmp_path: Path) -> None:
     assert line == "unknown processor level 'v3': expected one of generic, x86-64-v2, x86-64-v3, x86-64-v4"
 
 
-def test_other_sources_get_none(kept: tuple[Path, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_machine_code_is_not_loaded_for_other_sources(
+    kept: tuple[Path, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder, context = kept
     monkeypatch.setattr(kernel_cache, "source_stamp", lambda file: "other")
     assert loaded(folder, context) is None
 
 
-def test_another_numba_gets_none(kept: tuple[Path, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_machine_code_is_not_loaded_by_another_numba(
+    kept: tuple[Path, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder, context = kept
     monkeypatch.setattr("numba.__version__", "0.0")
     assert loaded(folder, context) is None
@@ -235,7 +239,7 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_what_a_damaged_file_holds_is_compiled_anew(tmp_path: Path, damage: str) -> None:
+def test_a_damaged_file_is_recompiled_not_unpickled(tmp_path: Path, damage: str) -> None:
     """Machine code is not unpickled before its hash is right, and the file is mended."""
     found = kernel_cache._CacheFiles(str(tmp_path), "one", "stamp")
     kept = {("float64",): (b"machine code", 1.5), ("int64",): (b"other code", 2.5)}

@@ -600,7 +600,7 @@ print(*found, *told)
 """
 
 
-def test_compilation_is_told_of_once_and_not_when_a_kernel_is_on_disk(tmp_path: Path) -> None:
+def test_compilation_is_announced_once_and_not_for_a_kernel_on_disk(tmp_path: Path) -> None:
     (tmp_path / "doubles.py").write_text(DOUBLED)
     for folder, printed in (("one", "6 8 told\n"), ("one", "6 8\n"), ("other", "6 8 told\n")):
         assert run_in_fork(WATCHED, tmp_path, tmp_path / folder) == (printed, "")

@@ -227,7 +227,7 @@ def test_progress_is_one_line_that_ends_with_the_phases(displayed: list[str]) ->
     assert re.fullmatch(r"counting, sorting: \d+\.\d s", displayed[-1])
 
 
-def test_an_error_leaves_the_line_and_nothing_told_shows_nothing(displayed: list[str]) -> None:
+def test_the_progress_line_stays_after_an_error(displayed: list[str]) -> None:
     with pytest.raises(ZeroDivisionError), shown() as listen, phase(listen, "counting"):
         _ = 1 / 0
     assert displayed == [f"{'░' * 20}   0% counting"]
@@ -237,6 +237,6 @@ def test_an_error_leaves_the_line_and_nothing_told_shows_nothing(displayed: list
     assert displayed == []
 
 
-def test_verbose_shows_it(displayed: list[str]) -> None:
+def test_verbose_shows_progress_in_notebooks(displayed: list[str]) -> None:
     agglo.agglomerate(samples.squares(4), n_parts=2, verbose=True)
     assert "agglomerating" in displayed[-1]

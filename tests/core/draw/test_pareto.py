@@ -77,7 +77,7 @@ def test_axes_are_what_runs_have() -> None:
     assert found.best.tolist() == [False, True, True]
 
 
-def test_where_sizes_were_asked_for_evenness_is_how_far_they_are_filled() -> None:
+def test_evenness_for_sizes_is_the_mean_diameter_over_h_star() -> None:
     found = trade_offs([run_of("quarters", QUARTERS.ravel(), size=1.0), run_of("whole", bands(8), size=2.0)])
     assert found.evenness.label == "mean diameter over h*"
     np.testing.assert_allclose(found.evenness.values, [0.5**0.5, 0.5**0.5])

@@ -76,7 +76,7 @@ PLOTS: list[Callable[[Any], Any]] = [
 
 
 @pytest.mark.parametrize("plot", PLOTS)
-def test_it_draws_on_axes_of_the_caller_or_on_new_ones(plot: Callable[[Any], Any]) -> None:
+def test_plots_use_the_axes_of_the_caller_or_new_ones(plot: Callable[[Any], Any]) -> None:
     one, two = plot(None), plot(None)
     assert one is not two
     assert plt.fignum_exists(one.figure.number)
@@ -186,7 +186,7 @@ def test_every_solver_says_what_its_unknowns_are_on_the_mesh_of_the_user(name: s
     np.testing.assert_allclose(found.values, found.points[:, 0] - 2.0 * found.points[:, 1], atol=1e-6)
 
 
-def test_what_unknowns_of_a_linear_system_mean_is_not_known() -> None:
+def test_solutions_of_linear_systems_plot_only_convergence() -> None:
     system = solved(SQUARES)
     solver: Any = default().build("solver", "direct")
     linear = solver.solve(Linear(system.A, system.b, 3 * np.arange(17)), halves(SQUARES))

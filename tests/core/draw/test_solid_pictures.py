@@ -211,7 +211,7 @@ def test_sections_that_are_no_direction_are_refused(tmp_path: Path, section: tup
 
 
 @pytest.mark.parametrize("given", [{"explode": 0.5}, {"section": (1, 0, 0)}])
-def test_plane_meshes_have_neither(tmp_path: Path, given: dict[str, object]) -> None:
+def test_explode_and_section_are_refused_for_plane_meshes(tmp_path: Path, given: dict[str, object]) -> None:
     mesh = samples.squares(2)
     with pytest.raises(OptionError, match=r"applies to 3-D meshes; squares 2x2 is 2-D"):
         draw(mesh, {"run": _whole(mesh)}, tmp_path / "a.png", **given)  # type: ignore[arg-type]

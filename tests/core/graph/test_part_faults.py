@@ -83,7 +83,7 @@ def test_listed_blocks(labels: list[int], chosen: list[int]) -> None:
     assert found == [[i for i, label in enumerate(labels) if label == b] for b in chosen]
 
 
-def test_wide_parts_refuses_labels_beyond_those_asked_for() -> None:
+def test_wide_parts_refuses_labels_out_of_range() -> None:
     graph = samples.squares(2).graph
     with pytest.raises(MeshError, match=r"labels must be \(4,\) integers in 0\.\.1"):
         graph.wide_parts([0, 1, 2, 0], 1.0, np.ones(2, bool))

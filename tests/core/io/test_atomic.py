@@ -139,7 +139,7 @@ def test_nothing_else_is_removed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("code", [errno.ENOTSUP, errno.ENOLCK, errno.EBADF])
-def test_where_folders_cannot_be_locked_age_decides(
+def test_folders_that_cannot_be_locked_are_removed_by_age(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
 ) -> None:
     def refused(descriptor: int, operation: int) -> None:
@@ -176,7 +176,7 @@ def test_links_to_another_file_system_are_followed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["ü" * 125 + ".vtu", "x" * 251 + ".vtu", " a  b .vtu", "日本\n語.vtu"])
-def test_any_name_will_do(tmp_path: Path, name: str) -> None:
+def test_unusual_file_names_are_written_and_read(tmp_path: Path, name: str) -> None:
     for _ in range(2):
         agglo.write(tmp_path / name, samples.squares(2))
         assert agglo.read(tmp_path / name).n_cells == 4

@@ -125,7 +125,7 @@ def test_groups_without_a_name(tmp_path: Path) -> None:
     assert mesh.face_tags["gmsh:physical"].tolist().count(3) == 1
 
 
-def test_one_name_in_two_dimensions(tmp_path: Path) -> None:
+def test_a_physical_name_may_occur_in_two_dimensions(tmp_path: Path) -> None:
     names = '$PhysicalNames\n2\n1 3 "rock"\n2 8 "rock"\n$EndPhysicalNames\n'
     (tmp_path / "m.msh").write_bytes(partitioned("4.1", "", names=names))
     mesh = read(tmp_path / "m.msh")

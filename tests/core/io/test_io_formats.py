@@ -161,14 +161,14 @@ def test_a_strangers_format_reads_and_writes(tmp_path: Path) -> None:
             use(file)  # the program itself does not know it
 
 
-def test_its_own_words_stand_behind_the_file(toy: Path) -> None:
+def test_the_message_of_a_format_follows_the_file_name(toy: Path) -> None:
     toy.write_text("two")
     with pytest.raises(FileError) as caught:
         read(toy, registry=having(toy=Toy))
     assert str(caught.value) == f"{toy}: begins with 'two', expected a number of squares"
 
 
-def test_files_of_no_bytes_are_for_those_who_want_them(toy: Path) -> None:
+def test_empty_files_are_read_only_by_formats_that_declare_it(toy: Path) -> None:
     toy.write_bytes(b"")
     with pytest.raises(FileError, match=r"a.toy: is empty$"):
         read(toy, registry=having(toy=Toy))
@@ -195,7 +195,7 @@ def test_suffixes_may_have_several_dots(tmp_path: Path) -> None:
 # -- several formats of one suffix -------------------------------------------------------------
 
 
-def test_ours_are_asked_before_strangers_and_the_last_resort_after_them(tmp_path: Path) -> None:
+def test_own_formats_come_before_plugins_and_the_last_resort_after(tmp_path: Path) -> None:
     asked: list[str] = []
 
     def answer(path: Path) -> Mesh:
@@ -214,7 +214,7 @@ def test_ours_are_asked_before_strangers_and_the_last_resort_after_them(tmp_path
     assert (tmp_path / "a.vtk").read_bytes().startswith(b"# vtk")
 
 
-def test_a_stranger_may_come_last_too(toy: Path) -> None:
+def test_a_plugin_format_may_be_a_last_resort(toy: Path) -> None:
     registry = having(
         late=reading(lambda path: squares(1), last_resort=True), early=reading(lambda path: squares(2))
     )
@@ -259,7 +259,7 @@ WHO = r"a\.toy: format 'toy' \(plugin 'mine', distribution my-dist 2\)"
         (lambda path: squares(1).graph, r": read\(\) returned Graph.*, expected a Mesh"),
     ],
 )
-def test_whatever_else_happens_is_the_plugins_fault(
+def test_other_errors_of_a_format_are_plugin_errors(
     toy: Path, answer: Callable[[Path], Any], message: str
 ) -> None:
     registry = having(toy=reading(answer), other=reading(lambda path: squares(1)))
@@ -268,7 +268,7 @@ def test_whatever_else_happens_is_the_plugins_fault(
             use(toy, registry=registry)
 
 
-def test_what_the_system_says_is_told_as_it_is(toy: Path) -> None:
+def test_messages_of_the_system_are_unchanged(toy: Path) -> None:
     with pytest.raises(FileError, match=r"a.toy: Permission denied$"):
         read(toy, registry=having(toy=reading(refusing(PermissionError(13, "Permission denied")))))
 
@@ -291,7 +291,7 @@ def test_hierarchies_are_checked(toy: Path, given: Any, message: str) -> None:
         read_hierarchy(toy, registry=having(toy=kind))
 
 
-def test_formats_that_cannot_be_built_are_in_nobodys_way(tmp_path: Path) -> None:
+def test_formats_that_cannot_be_built_are_skipped(tmp_path: Path) -> None:
     class Needy(Reader):
         def __init__(self, depth: int) -> None:
             pass
@@ -334,7 +334,7 @@ def test_merge_points_is_an_option_of_formats(toy: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["m.vtu", "m.vtk", "m.npz"])
-def test_ours_take_it(tmp_path: Path, name: str) -> None:
+def test_our_formats_accept_merge_points(tmp_path: Path, name: str) -> None:
     points = [[0, 0], [1, 0], [0, 1], [1, 0], [1, 1], [0, 1]]
     slit = Mesh.from_polygons(points, [[0, 1, 2], [3, 4, 5]], merge_points=False)
     write(tmp_path / name, slit)
@@ -407,7 +407,7 @@ def test_formats_that_stage_their_files_are_given_the_path_itself(
     assert len(os.listdir(tmp_path)) == 4
 
 
-def test_values_of_levels_go_to_those_who_keep_them(tmp_path: Path) -> None:
+def test_level_values_go_only_to_formats_that_keep_them(tmp_path: Path) -> None:
     def four(self: object, path: Path, mesh: Mesh, hierarchy: Hierarchy, values: Any = "none") -> None:
         path.write_text(str(values))
 

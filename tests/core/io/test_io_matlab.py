@@ -246,7 +246,7 @@ def test_content_is_recognised(tmp_path: Path) -> None:
     assert read(tmp_path / "m.dat2").n_cells == 1
 
 
-def test_texts_and_empty_cells_are_in_nobodys_way(tmp_path: Path) -> None:
+def test_texts_and_empty_cells_are_skipped(tmp_path: Path) -> None:
     given = {
         "node": POINTS,
         "elem": [[1, 2, 3]],

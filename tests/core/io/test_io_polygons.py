@@ -45,7 +45,7 @@ def test_polyhedra_by_their_faces(tmp_path: Path) -> None:
         assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
 
 
-def test_the_other_dialect(tmp_path: Path) -> None:
+def test_numbers_from_one_on_separate_lines_are_read(tmp_path: Path) -> None:
     """Points on a line of their own, numbered from 1 on."""
     nodes = "4 3 0 1\n1 0 0 0 9\n2 1 0 0 9\n3 0 1 0 9\n4 0 0 1 9\n"
     cells = "1  0\n1  4\n1 3\n 1 3 2\n2 3\n 1 2 4\n3 3\n 2 3 4\n4 3\n 3 1 4\n"

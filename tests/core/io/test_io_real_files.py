@@ -225,7 +225,7 @@ BACK = ("lymph_MeshEmilia.mat", "hardcore3d_Voro-small-0_voro-4.ele", "foam_cavi
 
 @pytest.mark.parametrize("suffix", [".npz", ".vtu", ".vtkhdf"])
 @pytest.mark.parametrize("name", BACK)
-def test_they_come_back_the_same(name: str, suffix: str, tmp_path: Path) -> None:
+def test_real_files_survive_writing_and_reading(name: str, suffix: str, tmp_path: Path) -> None:
     """Where nothing is lost to the last bit, else points and cells."""
     if suffix == ".vtkhdf":
         pytest.importorskip("h5py")

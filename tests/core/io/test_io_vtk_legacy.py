@@ -217,7 +217,7 @@ def test_a_file_cut_anywhere_is_refused_or_whole(tmp_path: Path) -> None:
 @pytest.mark.parametrize("binary", [False, True])
 @pytest.mark.parametrize("version", [42, 51])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_what_vtk_writes(dim: int, version: int, binary: bool, tmp_path: Path) -> None:
+def test_files_of_vtk_writers_are_read(dim: int, version: int, binary: bool, tmp_path: Path) -> None:
     vtk, pyvista = pytest.importorskip("vtk"), pytest.importorskip("pyvista")
     mesh: Mesh = samples.voronoi(60) if dim == 2 else samples.voronoi3d(12)
     write(tmp_path / "m.vtu", mesh, agglomerate(mesh, bisector="coordinate", n_parts=4))

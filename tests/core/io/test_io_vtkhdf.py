@@ -186,7 +186,7 @@ def test_parts_of_other_hdf5_files_are_refused(kind: str, h5py: Any, tmp_path: P
         read(tmp_path / "m.med")
 
 
-def test_what_is_not_there_takes_no_memory(h5py: Any, tmp_path: Path) -> None:
+def test_declared_but_missing_data_take_no_memory(h5py: Any, tmp_path: Path) -> None:
     """A terabyte that nobody wrote, and gigabytes of zeros in a few bytes."""
     file = two_partitions(h5py, tmp_path / "m.vtkhdf", Points=None)
     with h5py.File(file, "a") as found:

@@ -144,7 +144,9 @@ SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [2, 1, 0]]
 @pytest.mark.parametrize("header", ["u4", "u8"])
 @pytest.mark.parametrize("packing", ["", "zlib", "lzma"])
 @pytest.mark.parametrize("form", ["ascii", "binary", "raw", "base64"])
-def test_every_coding(tmp_path: Path, form: str, packing: str, header: str, order: str) -> None:
+def test_every_encoding_of_arrays_is_read(
+    tmp_path: Path, form: str, packing: str, header: str, order: str
+) -> None:
     w = Writer(form, packing, header, order)
     data = (
         w.array("mat", [7, -9], "i4") + w.array("heat", [0.5, 1], "f8") + w.array("pair", range(4), "i4", 2)

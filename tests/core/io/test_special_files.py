@@ -80,7 +80,7 @@ def test_files_of_a_case(tmp_path: Path, make: Callable[[Path], None], name: str
 
 
 @special
-def test_other_files(tmp_path: Path, make: Callable[[Path], None]) -> None:
+def test_special_files_are_refused_by_all_other_readers(tmp_path: Path, make: Callable[[Path], None]) -> None:
     file = tmp_path / "special.toml"
     make(file)
     (tmp_path / "m.graph").write_text("2 1\n2\n1\n")

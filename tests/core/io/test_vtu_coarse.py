@@ -36,7 +36,7 @@ def corner_sets(mesh: Mesh) -> list[Any]:
     return sorted(zip(map(sorted, mesh.face_cells.tolist()), loops, strict=True))
 
 
-def test_it_says_what_is_known_of_each_agglomerate(tmp_path: Path) -> None:
+def test_a_coarse_mesh_has_the_data_of_each_agglomerate(tmp_path: Path) -> None:
     mesh = samples.squares(4)
     fine = [0, 0, 1, 1, 0, 0, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3]
     coarse = [0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1]

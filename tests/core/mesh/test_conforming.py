@@ -79,7 +79,7 @@ def test_a_solution_does_not_see_the_interface(joined: bool, tmp_path: Path, agg
     assert json.loads(done.out)["energy"] == pytest.approx(64 * 0.0351442540, rel=1e-3)
 
 
-def test_hanging_vertices_are_inserted_and_told(caplog: pytest.LogCaptureFixture) -> None:
+def test_hanging_vertices_are_inserted_and_reported(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.INFO, logger="agglo"):
         mesh = Mesh.from_polygons(*HANGING)
     assert dict(mesh.repairs) == {"hanging vertices inserted": 1}
@@ -127,7 +127,7 @@ def test_the_same_points_twice() -> None:
     assert Mesh.from_polygons(*SLIT, merge_points=True).repairs == {"equal points merged": 2}
 
 
-def test_points_kept_apart_on_purpose_are_told(caplog: pytest.LogCaptureFixture) -> None:
+def test_points_kept_apart_on_purpose_are_reported(caplog: pytest.LogCaptureFixture) -> None:
     mesh = Mesh.from_polygons(*SLIT, merge_points=False)
     assert (mesh.n_points, pairs(mesh)) == (6, 0)
     assert mesh.repairs == {"outer faces on one another left apart": 1}
@@ -325,7 +325,9 @@ def test_lines_in_a_file_tag_both_parts_of_a_split_face(tmp_path: Path) -> None:
     assert sorted(map(tuple, np.sort(mesh.face_cells[tagged], axis=1).tolist())) == [(0, 1), (0, 2)]
 
 
-def test_a_native_file_is_told_but_never_changed(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_native_file_is_reported_but_never_changed(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     mesh = Mesh.from_polygons(*HANGING, allow_gaps=True)
     hierarchy = agglomerate(mesh, n_parts=2)
     write(tmp_path / "old.npz", mesh, hierarchy)
@@ -343,7 +345,7 @@ def test_a_native_file_is_told_but_never_changed(tmp_path: Path, caplog: pytest.
 
 # -- units of length -----------------------------------------------------------------------------------
 @pytest.mark.parametrize("exponent", [-49, -30, 30, 49])
-def test_any_unit_of_length_will_do(exponent: int) -> None:
+def test_repairs_do_not_depend_on_the_unit_of_length(exponent: int) -> None:
     scale = 2.0 ** round(exponent / np.log10(2))  # exact
     flat, solid = TWO_BLOCKS[1], polyhedra_from_elements({"hexahedron": bricks(2, 0)[1]})
     for one, mesh in (

@@ -203,7 +203,7 @@ def test_far_from_the_origin_a_regular_grid_stays_regular(shift: float) -> None:
     np.testing.assert_array_equal(far.local_centroids, near.local_centroids)
 
 
-def test_bridges_to_holes_are_dropped_when_asked_for() -> None:
+def test_bridges_to_holes_are_dropped_on_request() -> None:
     outer, inner = [[0, 0], [4, 0], [4, 4], [0, 4]], [[1, 1], [1, 3], [3, 3], [3, 1]]
     points = [*outer, *inner]
     ring = [0, 1, 2, 3, 0, 4, 5, 6, 7, 4]
@@ -359,7 +359,7 @@ def test_the_whole_domain_as_one_cell() -> None:
 # --- identity, and what is only 2-D -------------------------------------------------------------------
 
 
-def test_the_fingerprint_tells_meshes_apart() -> None:
+def test_different_meshes_have_different_fingerprints() -> None:
     a, b = samples.squares(4), samples.squares(4)
     assert a.fingerprint == b.fingerprint
     moved = Mesh.from_polygons(a.points + 1e-9, a.boundary_loops.vertices.reshape(-1, 4))

@@ -207,7 +207,7 @@ def test_cells_stay_valid_and_the_domain_as_it_is(mesh: Mesh) -> None:
 
 @settings(max_examples=50, deadline=None)
 @given(coarse(), st.floats(0.001, 0.5))
-def test_so_they_do_within_any_tolerance(mesh: Mesh, tolerance: float) -> None:
+def test_simplified_cells_tile_the_mesh_within_a_tolerance(mesh: Mesh, tolerance: float) -> None:
     check_tiling(mesh, tolerance)
 
 

@@ -100,7 +100,7 @@ def test_turns_as_listed(kind: str, corners: int, faces: int) -> None:
     assert len(set(chosen.tolist())) > 2
 
 
-def test_many_faces_at_one_point_are_still_told_apart() -> None:
+def test_many_faces_at_one_point_are_distinguished() -> None:
     fan = [[0, k, k + 1, 500] for k in range(1, 400)]  # all share an edge
     points = np.array(
         [[0, 0, 0], *([np.cos(k / 70), np.sin(k / 70), 0] for k in range(1, 500)), [0, 0, 1]], float

@@ -304,7 +304,7 @@ def test_floor_is_a_share(floor: object) -> None:
         CompactnessRefiner(floor)  # type: ignore[arg-type]
 
 
-def test_levels_are_polished_unless_told_otherwise(tmp_path: Path) -> None:
+def test_levels_are_polished_by_default(tmp_path: Path) -> None:
     mesh = samples.voronoi(300, seed=4)
     how = {"n_parts": (40, 10)}
     plain = agglomerate(mesh, **how, post_refiners=()).levels

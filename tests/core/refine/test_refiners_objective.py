@@ -36,7 +36,7 @@ def test_what_worsens_its_objective_is_refused(objective: str, place: str) -> No
         agglomerate(MESH, **others | {place: [Scatters(objective)]})
 
 
-def test_an_objective_that_only_a_mesh_can_tell_is_believed() -> None:
+def test_an_objective_that_needs_a_mesh_is_not_checked() -> None:
     hierarchy = agglomerate(MESH, bisector="inertial", n_parts=2, refiners=[Scatters("UF")])
     assert hierarchy.parts == [2]
 

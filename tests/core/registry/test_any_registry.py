@@ -245,7 +245,7 @@ def test_names_are_looked_up_in_the_registry_given(
     asked(registry, tmp_path)
 
 
-def test_without_it_the_program_is_asked() -> None:
+def test_without_a_registry_argument_the_default_is_used() -> None:
     with pytest.raises(AssertionError, match="the registry of the program"):
         agglo.agglomerate(MESH, n_parts=4)
 
@@ -264,7 +264,7 @@ def _trees() -> dict[Path, ast.Module]:
     return {file.relative_to(ROOT): syntax_tree(file) for file in files}
 
 
-def test_every_public_function_with_a_registry_is_asked_here() -> None:
+def test_every_public_function_with_a_registry_is_tested() -> None:
     known = set().union(*GROUPS.values()) | ELSEWHERE | PETSC
     found = set()
     for file, tree in _trees().items():
@@ -279,7 +279,7 @@ def test_every_public_function_with_a_registry_is_asked_here() -> None:
     assert {name for name in found if not name.startswith("_")} == known
 
 
-def test_the_default_is_asked_only_where_no_registry_was_given() -> None:
+def test_the_default_registry_is_used_only_if_none_is_given() -> None:
     """``default() if registry is None else registry``, and nowhere else in the core."""
     bare = []
     for file, tree in _trees().items():

@@ -221,7 +221,7 @@ def test_an_empty_container_of_a_dataclass_is_shown_as_default() -> None:
     assert (defaults["dirichlet"], defaults["kappa"]) == ({}, 1.0)
 
 
-def test_an_option_knows_its_type_in_words() -> None:
+def test_the_type_name_of_an_option_is_in_words() -> None:
     assert Option("n", int | None, 1).type_name == "a whole number or none"
 
 

@@ -155,7 +155,7 @@ def test_a_factory_is_a_target_too(registry: Registry) -> None:
         ("solver", "Solves"),
     ],
 )
-def test_each_kind_asks_for_its_method(registry: Registry, kind: str, target: str) -> None:
+def test_each_kind_requires_its_method(registry: Registry, kind: str, target: str) -> None:
     registry.register(plugin(Component(kind, "it", f"halves_target:{target}")), "mine")
     assert type(registry.build(kind, "it")).__name__ == target
     wrong = Registry()
@@ -331,7 +331,7 @@ def test_requirements_are_looked_for_and_not_imported(
     assert only(registry, "mine").state == "needs"
 
 
-def test_strangers_lose_reserved_names_whatever_the_order(registry: Registry) -> None:
+def test_reserved_names_go_to_agglo_in_any_order(registry: Registry) -> None:
     registry.register(plugin(HALVES), "theirs", distribution="their-dist", version="2")
     registry.register(plugin(HALVES), "ours", distribution="agglo", version="1")
     assert registry.record("bisector", "halves").plugin == "ours"
@@ -355,7 +355,7 @@ def test_two_strangers_refuse_both(registry: Registry) -> None:
     assert registry.record("bisector", "halves").plugin == "b"
 
 
-def test_equal_plugin_names_are_told_apart_by_distribution(registry: Registry) -> None:
+def test_equal_plugin_names_are_distinguished_by_distribution(registry: Registry) -> None:
     registry.register(plugin(HALVES), "same", distribution="dist-a")
     registry.register(plugin(HALVES), "same", distribution="dist-b")
     assert "use 'dist-a/halves'" in registry.list()[0].reason

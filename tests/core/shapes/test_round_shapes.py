@@ -172,5 +172,5 @@ def test_moves_of_the_quotient_in_space_are_what_measuring_twice_says() -> None:
 
 
 @pytest.mark.parametrize(("name", "metric"), [("J", J), ("isoperimetric", QUOTIENT)])
-def test_they_are_declared_under_their_names(name: str, metric: object) -> None:
+def test_metrics_are_declared_under_their_names(name: str, metric: object) -> None:
     assert type(default().build("metric", name)) is type(metric)

@@ -47,7 +47,7 @@ def test_a_line_without_undefined_values_is_as_before() -> None:
     assert "undefined" not in line
 
 
-def test_tables_pictures_pages_and_json_tell_how_many(
+def test_tables_pictures_pages_and_json_count_undefined_values(
     levels: list[Level], capsys: pytest.CaptureFixture
 ) -> None:
     mesh = agglo.samples.squares(4)

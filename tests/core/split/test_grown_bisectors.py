@@ -50,7 +50,7 @@ def test_counts_are_exact_on_any_graph(
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=10, deadline=None)
 @given(n=st.integers(20, 400), seed=SEEDS, factors=st.lists(st.floats(0.5, 6.0), min_size=1, max_size=3))
-def test_no_part_is_wider_than_asked(name: str, n: int, seed: int, factors: list[float]) -> None:
+def test_no_part_is_wider_than_h_star(name: str, n: int, seed: int, factors: list[float]) -> None:
     mesh = samples.voronoi(n, seed=seed)
     hierarchy = grown(mesh, bisector=name, h_factor=sorted(set(factors)))
     assert_kept(hierarchy)
@@ -122,7 +122,7 @@ def grown_with(threads: int, mesh: Mesh, options: dict[str, Any]) -> agglo.Hiera
         return grown(mesh, **options)
 
 
-def test_a_bisector_that_looks_ahead_is_asked_depth_by_depth() -> None:
+def test_a_bisector_that_looks_ahead_runs_depth_by_depth() -> None:
     mesh = samples.voronoi(60, seed=1)
     hierarchy = agglo.agglomerate(mesh, bisector=("gnn", {"lookahead": 3}), h_factor=4.0)
     assert "grow" not in hierarchy.statistics["seconds"]

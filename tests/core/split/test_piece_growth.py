@@ -59,7 +59,7 @@ def test_counts_are_exact_on_any_graph(
 
 @settings(max_examples=25, deadline=None)
 @given(st.sampled_from(["voronoi", "random_triangles"]), st.integers(20, 400), SEEDS, st.data())
-def test_no_part_is_wider_than_asked(kind: str, n: int, seed: int, data: st.DataObject) -> None:
+def test_no_part_is_wider_than_h_star(kind: str, n: int, seed: int, data: st.DataObject) -> None:
     mesh = getattr(samples, kind)(n, seed=seed)
     factors = data.draw(st.lists(st.floats(0.5, 6.0), min_size=1, max_size=3, unique=True))
     hierarchy = grown(mesh, h_factor=sorted(factors))
@@ -134,7 +134,7 @@ def test_labels_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.Monke
         pass
 
 
-def test_progress_is_told_of_large_meshes() -> None:
+def test_progress_is_reported_for_large_meshes() -> None:
     told: list[float] = []
     agglo.agglomerate(
         samples.squares(280),
@@ -148,7 +148,7 @@ def test_progress_is_told_of_large_meshes() -> None:
     assert told == sorted(told)
 
 
-def test_who_it_is_not_made_for_goes_depth_by_depth() -> None:
+def test_other_pipelines_grow_depth_by_depth() -> None:
     class Refiner(InterfaceRefiner):
         """Who knows what it does."""
 

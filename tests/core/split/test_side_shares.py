@@ -42,7 +42,7 @@ def test_parts_are_even(bisector: Any, parts: int) -> None:
 
 
 @pytest.mark.parametrize("bisector", ["kmeans", "coordinate", "inertial", "metis"])
-def test_so_are_solid_parts(bisector: str) -> None:
+def test_solid_parts_for_odd_counts_are_even(bisector: str) -> None:
     mesh = samples.tetrahedra(5)
     for parts in (3, 5, 7):
         assert largest(agglo.agglomerate(mesh, bisector=bisector, n_parts=parts).levels[0]) < 1.25
