@@ -37,7 +37,13 @@ def test_every_example_has_its_number_and_its_place() -> None:
     assert sorted(shown) == sorted(GOLDEN) == sorted(script.stem for script in GALLERY.glob("*.py"))
 
 
-@pytest.mark.parametrize("name", GOLDEN)
+LONG = "a_front_on_moving_cuts", "wave_on_the_brain"
+"""Examples of several seconds."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in GOLDEN]
+)
 def test_the_example_gives_its_numbers(name: str) -> None:
     found = runpy.run_path(str(GALLERY / f"{name}.py"))
     for variable, golden in GOLDEN[name].items():

@@ -31,8 +31,8 @@ def swirl(x: Float) -> Float:
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize(("b", "most"), [(EAST, 12), (rotation, 12), (swirl, 30)])
-@pytest.mark.parametrize("peclet", [0.1, 1.0, 10.0, 1e2, 1e4])
-@pytest.mark.parametrize("mesh", [samples.voronoi(2000, seed=7), samples.random_triangles(1000, seed=7)])
+@pytest.mark.parametrize("peclet", [0.1, 10.0, 1e4])
+@pytest.mark.parametrize("mesh", [samples.voronoi(900, seed=7), samples.random_triangles(450, seed=7)])
 def test_iterations_are_few_for_all_peclet_numbers(
     degree: int, b: Any, most: int, peclet: float, mesh: Mesh
 ) -> None:
@@ -52,7 +52,7 @@ def test_iterations_are_few_for_all_peclet_numbers(
         (samples.voronoi(700, seed=3), swirl, 10.0),
         (samples.random_triangles(700, seed=3), rotation, 100.0),
         (samples.squares(9), EAST, 1e4),
-        (samples.voronoi3d(500, seed=1), np.array([1.0, 0.3, -0.2]), 30.0),
+        (samples.voronoi3d(200, seed=1), np.array([1.0, 0.3, -0.2]), 30.0),
     ],
 )
 def test_solutions_equal_those_of_direct(mesh: Any, b: Any, peclet: float) -> None:

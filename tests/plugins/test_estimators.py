@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -89,6 +90,7 @@ def index(estimator: Residual | Hierarchical, solution: Solution) -> float:
     return float(np.linalg.norm(estimator.indicate(solution)) / solution.errors()["dg"])
 
 
+@cache
 def agglomerates() -> Mesh:
     mesh = samples.random_triangles(600, seed=5)
     return mesh.coarsen(agglo.agglomerate(mesh, cells_per_part=8).levels[0])
@@ -105,7 +107,7 @@ def test_the_residual_estimate_of_virtual_elements_is_near_the_error(name: str, 
 
 
 def test_the_index_of_virtual_elements_in_3d_and_with_fluxes() -> None:
-    solids = [samples.random_tetrahedra(150, seed=2), samples.voronoi3d(100, seed=1)]
+    solids = [samples.random_tetrahedra(60, seed=2), samples.voronoi3d(60, seed=1)]
     plate = with_four_sides(samples.voronoi(120, seed=6))
     for mesh in (*solids, solids[1].coarsen(agglo.agglomerate(solids[1], cells_per_part=6).levels[0]), plate):
         problem = posed(COEFFICIENTS["number"], normals=mesh is plate)
@@ -153,7 +155,7 @@ def test_a_jump_of_kappa_leaves_the_index_unchanged() -> None:
 
 
 def test_the_index_in_3d() -> None:
-    for mesh in (samples.random_tetrahedra(150, seed=2), samples.boxes(4)):
+    for mesh in (samples.random_tetrahedra(60, seed=2), samples.boxes(4)):
         coarse = mesh.coarsen(agglo.agglomerate(mesh, cells_per_part=6).levels[0])
         for degree in (1, 2):
             for on in (mesh, coarse):

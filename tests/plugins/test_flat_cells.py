@@ -36,7 +36,7 @@ def solved(mesh: Mesh, degree: int, kappa: object = 1.0) -> Solution:
 @pytest.mark.parametrize(("degree", "most"), [(1, 15), (2, 18), (3, 22)])
 @pytest.mark.parametrize("ratio", [1e-1, 1e-3, 1e-6])
 def test_squeezed_polygons(ratio: float, degree: int, most: int) -> None:
-    found = solved(squeezed(samples.voronoi(1600, seed=FRESH), ratio), degree)
+    found = solved(squeezed(samples.voronoi(800, seed=FRESH), ratio), degree)
     assert found.iterations <= most, f"seed {FRESH}"
     assert "patches" in found.choice
     assert "flat cells" in found.choice
