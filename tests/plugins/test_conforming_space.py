@@ -9,6 +9,7 @@ from scipy import sparse
 from scipy.linalg import block_diag
 
 from agglo_core import Mesh, samples
+from agglo_core.arrays import frozen_float, frozen_index, frozen_int
 from agglo_core.multigrid import LevelStack, cycle
 from agglo_core.problems import Diffusion, System
 from agglo_polydg_mg.auxiliary.conforming_kernels import cluster_vertices
@@ -108,7 +109,7 @@ def test_constants_are_ones_at_vertices_on_any_mesh(seed: int) -> None:
 def test_a_scaled_prolongation_is_the_product_with_the_blocks() -> None:
     mesh = samples.random_triangles(20, seed=2)
     _, space = space_on(mesh, 2)
-    blocks = np.random.default_rng(0).standard_normal((mesh.n_cells, 6, 6))
+    blocks = frozen_float(np.random.default_rng(0).standard_normal((mesh.n_cells, 6, 6)))
     product = block_diag(*blocks) @ space.prolongation().toarray()
     assert np.allclose(space.prolongation(scale=blocks).toarray(), product, atol=1e-12)
 
@@ -133,8 +134,8 @@ def test_small_entries_between_vertices_go_to_the_diagonal() -> None:
 
 
 def test_small_entries_stay_where_nothing_else_joins_two_groups() -> None:
-    rows, columns = np.array([0, 2, 4, 6, 7]), np.array([0, 1, 1, 2, 2, 3, 3], np.int32)
-    values = np.array([2.0, -1.0, 2.0, 0.001, 2.0, -1.0, 2.0])  # 0–1 and 2–3, joined by 1–2 alone
+    rows, columns = frozen_int([0, 2, 4, 6, 7]), frozen_index([0, 1, 1, 2, 2, 3, 3])
+    values = frozen_float([2.0, -1.0, 2.0, 0.001, 2.0, -1.0, 2.0])  # 0–1 and 2–3, joined by 1–2 alone
     starts, found, data = drop_small_entries(rows, columns, values, 4, 0.0, 0.0, 0.01)
     C = sparse.csr_array((data, found, starts), shape=(4, 4)).toarray()
     assert np.array_equal(C, C.T)
@@ -183,7 +184,7 @@ def test_the_space_is_discontinuous_across_the_sides_of_flat_cells() -> None:
 def test_a_chain_of_short_edges_becomes_more_than_one_cluster() -> None:
     points = np.stack((0.1 * np.arange(11), np.zeros(11)), axis=1)
     edges = np.stack((np.arange(10), np.arange(1, 11)), axis=1)
-    clusters = cluster_vertices(points, edges, np.full(10, 0.35))
+    clusters = cluster_vertices(frozen_float(points), frozen_int(edges), frozen_float(np.full(10, 0.35)))
     sizes = np.unique(clusters, return_counts=True)[1]
     assert sizes.max() <= 4
     assert len(sizes) < 6

@@ -155,7 +155,7 @@ def test_few_flows_go_against_the_order_where_streamlines_are_closed() -> None:
     assert np.abs(flows[inner])[against].sum() < 0.2 * np.abs(flows[inner]).sum()
 
 
-@pytest.mark.parametrize("width", [1, 3, 20])
+@pytest.mark.parametrize("width", [1, 3, 6])
 @pytest.mark.parametrize("patches", [[[2], [0], [4], [1], [3]], [[3, 1, 2], [0], [1, 4]], [[0, 1], [2, 1]]])
 def test_sweeps_equal_block_substitution(width: int, patches: list[list[int]]) -> None:
     rng = np.random.default_rng(0)

@@ -13,6 +13,7 @@ from scipy.sparse.linalg import spsolve
 
 import agglo_core as agglo
 from agglo_core import Mesh, OptionError, samples
+from agglo_core.arrays import frozen_float
 from agglo_core.fields.coefficients import positive
 from agglo_core.fields.gauss_points import gauss
 from agglo_core.problems import Diffusion
@@ -198,7 +199,7 @@ def test_the_penalty_of_a_cell_is_sufficient_and_sharp(callable_kappa: bool) -> 
     kappa = positive(mesh, WAVE.kappa if callable_kappa else np.linspace(1, 9, 5))
     on, blocks = face_coefficients(mesh, kappa, all_faces(mesh), degree + 2), stiffness(basis, kappa)
     rule = degree if on.shape[2] == 1 else degree + 2
-    fill = mesh.cell_measures / (4 * basis.boxes[:, 2] * basis.boxes[:, 3])
+    fill = frozen_float(mesh.cell_measures / (4 * basis.boxes[:, 2] * basis.boxes[:, 3]))
     asked = np.zeros((mesh.n_faces, 2))
     resolved = side_penalties(
         mesh.local_points, *mesh.cell_faces, mesh.face_pairs, mesh.face_cells, 0,

@@ -34,6 +34,8 @@ def diameters_of(offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index,
     """
     from agglo_core.compiled.geometry import block_diameters
 
+    offsets, cells = frozen_int(offsets), frozen_int(cells)
+
     def measure_range(start: int, stop: int) -> Float:
         diameters: Float = block_diameters(offsets[start : stop + 1], cells, vertex_offsets, vertices, points)
         return diameters
@@ -60,6 +62,8 @@ def compared_diameters(
     array([ True, False])
     """
     from agglo_core.compiled.geometry import compare_diameters
+
+    offsets, cells, limits = frozen_int(offsets), frozen_int(cells), frozen_float(limits)
 
     def bound_range(start: int, stop: int) -> Float:
         ranges = offsets[start : stop + 1]
@@ -89,6 +93,8 @@ def wide_parts(
     """
     from agglo_core.compiled.graphs import list_blocks
     from agglo_core.compiled.part_faults import extend_parts
+
+    labels = frozen_int(labels)
 
     def bound_range(start: int, stop: int) -> Float:
         thread_bounds = np.empty((len(examined), 8))

@@ -30,7 +30,8 @@ class Couplings(NamedTuple):
     def scaled(self, vector: Float) -> Couplings:
         """Return the couplings of diag(v) A diag(v), for single unknowns and a ``vector (n,)`` v."""
         row = np.repeat(vector, np.diff(self.graph))
-        return self._replace(weight=self.weight * row * vector[self.to], size=self.size * vector**2)
+        weight, size = self.weight * row * vector[self.to], self.size * vector**2
+        return self._replace(weight=frozen_float(weight), size=frozen_float(size))
 
     @property
     def neighbours(self) -> float:

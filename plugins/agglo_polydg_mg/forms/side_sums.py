@@ -42,7 +42,7 @@ def solid_requirements(basis: Basis, on_faces: OnFaces, blocks: Float, held: Mas
     mesh, p, all_sides = basis.mesh, basis.degree, basis.sides
     requirements = np.zeros((len(all_sides.cells), 2))
     form_data = held, *on_faces, *_rule(p, on_faces.kappa), orders(p, 3)
-    of_cells: tuple[Float, ...] = (basis.boxes, basis.scale, basis.fill, blocks)
+    of_cells: tuple[Float, ...] = (basis.boxes, basis.scale, basis.fill, frozen_float(blocks))
     offsets, sides, face_cells, side_cells = (
         all_sides.cell_offsets,
         all_sides.cell_sides,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from agglo_core import Mesh, MeshError, samples
-from agglo_core.arrays import frozen_int
+from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.io.vtk.cells import _turns
 from agglo_core.mesh.construction.polyhedra import _pair_by_sorting
 from agglo_core.mesh.elements import turns_as_listed
@@ -72,7 +72,7 @@ def test_three_faces_alike_are_no_pairs() -> None:
 
 def test_surfaces() -> None:
     rng = np.random.default_rng(0)
-    offsets, vector, centre = frozen_int([0, 4, 9]), rng.normal(size=(9, 3)), rng.normal(size=(9, 3))
+    offsets, (vector, centre) = frozen_int([0, 4, 9]), map(frozen_float, rng.normal(size=(2, 9, 3)))
     for found, own in zip(surfaces(offsets, vector, centre), (slice(0, 4), slice(4, 9)), strict=True):
         flux = ((centre[own] - centre[own].mean(axis=0)) * vector[own]).sum(axis=1)
         lengths = np.linalg.norm(vector[own], axis=1).sum(), np.linalg.norm(vector[own].sum(axis=0))
@@ -86,7 +86,7 @@ def test_surfaces() -> None:
 def test_turns_as_listed(kind: str, corners: int, faces: int) -> None:
     rng, n = np.random.default_rng(faces), 200
     turns = frozen_int(_turns(kind))
-    first, second = rng.integers(0, corners, (2, n, faces))
+    first, second = map(frozen_int, rng.integers(0, corners, (2, n, faces)))
     own, ranks = rng.random((n, faces)) < 0.4, rng.integers(-1, faces, (8, 8))
     chosen = turns_as_listed(first, second, own, turns, frozen_int(ranks))
     for c in range(n):

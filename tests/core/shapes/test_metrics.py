@@ -199,7 +199,12 @@ def test_circles_of_any_outline_agree_with_a_slow_search(shape: shapely.MultiPol
     loops = starts - np.arange(len(starts))
     centre, diameter = np.array(shape.centroid.coords), pdist(points).max()
     radius, centred = circles(
-        points[keep], np.array([0, len(rings)]), loops, np.arange(loops[-1]), centre, np.array([diameter])
+        frozen_float(points[keep]),
+        frozen_int([0, len(rings)]),
+        frozen_int(loops),
+        frozen_int(np.arange(loops[-1])),
+        frozen_float(centre),
+        frozen_float([diameter]),
     )[0]
     about = shape.boundary.distance(shape.centroid) if shape.contains(shape.centroid) else 0.0
     assert centred == pytest.approx(about, rel=1e-9, abs=1e-12)

@@ -12,6 +12,7 @@ from hypothesis import given, settings, strategies as st
 from scipy.spatial import ConvexHull, cKDTree
 
 from agglo_core import samples
+from agglo_core.arrays import frozen_float, frozen_index, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 from agglo_core.registry import default
@@ -189,11 +190,11 @@ def test_agree_with_shapely(mesh: Mesh, k: int, swaps: float) -> None:
 def test_hulls_agree_with_scipy_and_boxes_with_a_slow_reference(seed: int) -> None:
     rng = np.random.default_rng(seed)
     counts = rng.integers(3, 60, 40)
-    offsets = np.append(0, np.cumsum(counts))
-    points = rng.normal(size=(offsets[-1], 2))
-    vertices = np.arange(offsets[-1])
+    offsets = frozen_int(np.append(0, np.cumsum(counts)))
+    points = frozen_float(rng.normal(size=(offsets[-1], 2)))
+    vertices = frozen_index(np.arange(offsets[-1]))
     areas, hull_offsets, hull = convex_hulls(points, offsets, vertices)
-    ratios = box_ratios(points, hull_offsets, hull)
+    ratios = box_ratios(points, frozen_int(hull_offsets), frozen_int(hull))
     for c, (a, b) in enumerate(pairwise(offsets)):
         exact = ConvexHull(points[a:b])
         found = hull[hull_offsets[c] : hull_offsets[c + 1]]
@@ -204,9 +205,9 @@ def test_hulls_agree_with_scipy_and_boxes_with_a_slow_reference(seed: int) -> No
 
 
 def test_repeated_and_collinear_vertices_leave_the_hull() -> None:
-    points = np.array([(0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1), (1, 1)], float)
-    vertices = np.array([8, 4, 4, 1, 2, 0, 6, 7, 0, 3, 5, 2])
-    areas, offsets, hull = convex_hulls(points, np.array([0, len(vertices)]), vertices)
+    points = frozen_float([(0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1), (1, 1)])
+    vertices = frozen_index([8, 4, 4, 1, 2, 0, 6, 7, 0, 3, 5, 2])
+    areas, offsets, hull = convex_hulls(points, frozen_int([0, len(vertices)]), vertices)
     np.testing.assert_array_equal(areas, [4])
     np.testing.assert_array_equal(offsets, [0, 4])
     np.testing.assert_array_equal(hull, [0, 2, 4, 6])

@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, OptionError, samples
-from agglo_core.arrays import frozen_int
+from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.refine.connectivity import ConnectivityFixer
 from agglo_core.refine.interface import InterfaceRefiner
 from agglo_core.split import piece_growth
@@ -219,7 +219,7 @@ def test_refinement_shortens_the_interface_and_breaks_nothing(n: int, seed: int)
 def test_reach_is_the_distance_of_the_furthest_neighbour(unit: float) -> None:
     graph = samples.voronoi(80, seed=3).graph
     reach = np.empty(graph.n, np.float32)
-    reach_of_cells(graph.indptr, graph.indices, unit * graph.centroids, 1.0 / unit, reach)
+    reach_of_cells(graph.indptr, graph.indices, frozen_float(unit * graph.centroids), 1.0 / unit, reach)
     for cell in range(graph.n):
         near = graph.indices[graph.indptr[cell] : graph.indptr[cell + 1]]
         furthest = np.linalg.norm(graph.centroids[near] - graph.centroids[cell], axis=1).max()
@@ -240,14 +240,16 @@ def test_cells_that_stand_for_all_are_spread() -> None:
 
 def test_cells_of_equal_weight_cannot_stand_for_all() -> None:
     for weights in (np.full(4096, 0.3), np.repeat(np.linspace(1.0, 2.0, 16), 256)):
-        assert len(units_of(np.random.default_rng(0).random((4096, 2)), weights)[2]) == 0
+        points = frozen_float(np.random.default_rng(0).random((4096, 2)))
+        assert len(units_of(points, frozen_float(weights))[2]) == 0
 
 
 def test_heavy_cells_are_in_every_sample() -> None:
     weights = np.random.default_rng(1).uniform(0.9, 1.1, 4096)
     heavy = np.arange(0, 4096, 100)
     weights[heavy] += 5.0
-    _, _, sample = units_of(np.random.default_rng(0).random((4096, 2)), weights)
+    points = frozen_float(np.random.default_rng(0).random((4096, 2)))
+    _, _, sample = units_of(points, frozen_float(weights))
     assert (weights[heavy] > HEAVY * weights.mean()).all()
     assert (sample[heavy] == 2).all()
     assert 0.08 < (sample > 0).mean() < 0.2
