@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -37,15 +37,19 @@ from agglo_polydg_mg.forms.norms import EnergyNorm, errors
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty, require_penalty
 from agglo_polydg_mg.forms.residuals import squared_residuals
 from agglo_polydg_mg.forms.sides import with_straight_sides
-from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.solver.choose import choose
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.derivatives import cell_integrals
 from agglo_polydg_mg.space.projection import transfer
 from agglo_polydg_mg.space.sampling import evaluate, gradient, quadrature, samples_of
 
-Kept = tuple[Any, Float, EnergyNorm | None]
-"""Matrix, penalty and energy norm of an earlier problem with an equal matrix."""
+
+class Kept(NamedTuple):
+    """Matrix, penalty ``(n_faces,)`` and energy norm of an earlier problem with an equal matrix."""
+
+    matrix: Any
+    penalty: Float
+    norm: EnergyNorm | None
 
 
 @dataclass(frozen=True)
@@ -123,17 +127,12 @@ class PolyDG:
         return self.lifted(problem, mesh).system
 
     def lifted(
-        self,
-        problem: Problem,
-        mesh: Mesh,
-        basis: Basis | None = None,
-        units: UnitForms | None = None,
-        kept: Kept | None = None,
+        self, problem: Problem, mesh: Mesh, basis: Basis | None = None, kept: Kept | None = None
     ) -> Lifted:
         """Return the system on a mesh, and its load for u − c with a constant c in each cell.
 
-        The constants come from the Dirichlet data. If an earlier problem on the mesh left its :meth:`basis`
-        and ``units``, both save the purely geometric work. If its matrix is equal, it may be ``kept``.
+        The constants come from the Dirichlet data. The :meth:`basis` of an earlier problem on the mesh saves
+        the purely geometric work. If its matrix is equal, it may be ``kept``.
         """
         diffusion, basis = _diffusion(problem), basis or self.basis(mesh)
         require_consistent(mesh, diffusion, self.degree)
@@ -143,8 +142,7 @@ class PolyDG:
             diffusion,
             penalty=self.penalty,
             basis=basis,
-            units=units,
-            kept=kept and kept[:2],
+            kept=kept and (kept.matrix, kept.penalty),
         )
         if basis.mesh is mesh:
             return found
@@ -152,16 +150,11 @@ class PolyDG:
         return found._replace(system=system)
 
     def fine_system(
-        self,
-        problem: Problem,
-        mesh: Mesh,
-        basis: Basis | None = None,
-        units: UnitForms | None = None,
-        kept: Kept | None = None,
+        self, problem: Problem, mesh: Mesh, basis: Basis | None = None, kept: Kept | None = None
     ) -> solvers.FineSystem:
         """Return the system on a mesh in the form that solvers require.
 
-        ``basis``, ``units``, and with an equal matrix ``kept``, may come from an earlier problem.
+        ``basis``, and with an equal matrix ``kept``, may come from an earlier problem.
 
         Raises
         ------
@@ -170,19 +163,19 @@ class PolyDG:
         """
         # 1. Discretise
         diffusion, basis = _diffusion(problem), basis or self.basis(mesh)
-        system, load, offset, sigma = self.lifted(diffusion, mesh, basis, units, kept)
+        system, load, offset, sigma = self.lifted(diffusion, mesh, basis, kept)
         # 2. Rescale data of extreme size, and discretise again
         factor = solvers.factor_for(float(np.abs(load).max()) or solvers.data_size(mesh, diffusion))
         if factor != 1.0:
             diffusion = solvers.times(diffusion, factor)
-            system, load, offset, sigma = self.lifted(diffusion, mesh, basis, units, kept)
+            system, load, offset, sigma = self.lifted(diffusion, mesh, basis, kept)
         if not (_finite(system.b) and _finite(system.A.data)):
             raise OptionError("the matrix or the right-hand side contains values that are not finite")
         return solvers.FineSystem(
             system.A,
             load,
             basis.n_local,
-            self.residual_measure(diffusion, mesh, load, basis, kept and kept[2]),
+            self.residual_measure(diffusion, mesh, load, basis, kept and kept.norm),
             full=system.b,
             offset=offset if offset.any() else None,
             factor=factor,

@@ -19,7 +19,6 @@ from agglo_core.fields.rules import inside
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.forms.face_quadrature import face_rule
 from agglo_polydg_mg.forms.norms import Errors, errors
-from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
 
 Array = NDArray[np.float64]
@@ -74,14 +73,6 @@ def test_reaction_adds_the_weighted_mass_matrix(name: str, degree: int) -> None:
             expected += weights @ (u * v)
         size = abs(x) @ (abs(more) @ abs(y))
         assert y @ ((more - plain) @ x) == pytest.approx(expected, abs=1e-13 * size)
-
-
-def test_kept_unit_forms_give_the_same_matrix() -> None:
-    mesh, how = samples.voronoi(50, seed=4), PolyDG(2)
-    kappa, c = np.random.default_rng(0).uniform(1.0, 9.0, (2, mesh.n_cells))
-    problem, units = Diffusion(kappa=kappa, reaction=c), UnitForms(how.basis(mesh))
-    kept, fresh = how.lifted(problem, mesh, units.basis, units).system.A, how.assemble(problem, mesh).A
-    assert abs(kept - fresh).max() <= 1e-12 * abs(fresh).max()
 
 
 def wave(x: Array) -> Array:

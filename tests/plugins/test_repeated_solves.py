@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from scipy.sparse.linalg import spsolve
 from agglo_core import Hierarchy, Mesh, OptionError, samples
 from agglo_core.arrays import frozen_float, frozen_index
 from agglo_core.multigrid import pcg
-from agglo_core.problems import Diffusion
+from agglo_core.problems import Diffusion, Elasticity, Solution
 from agglo_polydg_mg.solver.earlier_solutions import WIDE, best_combination, differences_of, half_products
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
@@ -201,3 +203,88 @@ def test_the_pace_ends_a_slow_iteration() -> None:
     assert swift.converged
     with pytest.raises(OptionError, match="pace must be above 0"):
         pcg(A, b, pace=0.0)
+
+
+def jumping(mesh: Mesh, seed: int) -> Array:
+    return np.asarray(10.0 ** np.random.default_rng(seed).uniform(-4, 4, mesh.n_cells))
+
+
+def sides(mesh: Mesh) -> Mesh:
+    """A mesh whose boundary faces on the left have the tag 1, the others 2."""
+    middle = mesh.points[mesh.face_pairs].mean(axis=1)
+    return replace(mesh, face_tags={"boundary": np.where(middle[:, 0] < 1e-9, 1, 2)})
+
+
+def wave(points: Array) -> Array:
+    return np.asarray(1.5 + np.sin(3.0 * points[:, 0] + points[:, 1]))
+
+
+def changing(mesh: Mesh) -> list[Diffusion]:
+    """Problems of which each changes something else."""
+    smooth, rng = 1.0 + mesh.cell_centroids[:, 0], np.random.default_rng(6)
+    return [
+        Diffusion(kappa=smooth, source=1.0),
+        Diffusion(kappa=smooth, source=wave),
+        Diffusion(kappa=jumping(mesh, 3), source=wave),
+        Diffusion(kappa=2.0, source=rng.standard_normal(mesh.n_cells)),
+        Diffusion(kappa=smooth, source=1.0, dirichlet={1: 1.0, 2: wave}),
+        Diffusion(kappa=smooth, source=1.0, dirichlet={1: 1.0}, neumann={2: 0.5}),
+        Diffusion(kappa=wave, source=1.0, dirichlet={2: 0.0}),
+        Diffusion(kappa=smooth, source=1.0, dirichlet={2: 0.0}, neumann={1: wave}),
+        Diffusion(kappa=3.0 * smooth, source=0.0, dirichlet={1: 0.0, 2: 2.0}),
+    ]
+
+
+def require_alike(found: Solution, expected: Solution, tolerance: float) -> None:
+    assert found.converged
+    assert expected.converged
+    root = np.sqrt(expected.A.diagonal())
+    difference = (found.A - expected.A).tocoo()
+    assert (abs(difference.data) <= 1e-12 * root[difference.row] * root[difference.col]).all()
+    np.testing.assert_allclose(found.b, expected.b, rtol=1e-10, atol=1e-12 * abs(expected.b).max())
+    error = found.x - expected.x
+    assert error @ (expected.A @ error) <= (4.0 * tolerance) ** 2 * (expected.x @ (expected.A @ expected.x))
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_steps_solve_the_problem_at_hand_whatever_changed(degree: int) -> None:
+    """κ, its jumps and its kind, source, boundary data, and which faces have which."""
+    mesh = sides(samples.voronoi(70, seed=7))
+    solver = PolyDGMultigrid(degree, tolerance=1e-8)
+    steps = solver.repeated(bare(mesh))
+    problems = changing(mesh)
+    for problem in [*problems, *problems[::-1]]:
+        require_alike(steps.solve(problem), solver.solve(problem, bare(mesh)), 1e-8)
+
+
+def test_a_coefficient_that_is_changed_in_place_is_seen() -> None:
+    mesh = samples.squares(8)
+    steps, kappa = PolyDGMultigrid().repeated(bare(mesh)), np.ones(mesh.n_cells)
+    for factor in (1.0, 2.0, 4.0):
+        kappa[: mesh.n_cells // 2] = factor
+        found = steps.solve(Diffusion(kappa=kappa, source=1.0))
+        require_alike(
+            found, PolyDGMultigrid().solve(Diffusion(kappa=kappa.copy(), source=1.0), bare(mesh)), 1e-6
+        )
+
+
+def test_values_of_another_mesh_are_refused_and_do_no_harm() -> None:
+    mesh, other = samples.squares(8), samples.squares(9)
+    steps = PolyDGMultigrid().repeated(bare(mesh))
+    for _ in range(2):
+        assert steps.solve(Diffusion(kappa=np.ones(mesh.n_cells), source=1.0)).converged
+    with pytest.raises(OptionError, match="kappa has shape"):
+        steps.solve(Diffusion(kappa=np.ones(other.n_cells), source=1.0))
+    with pytest.raises(OptionError, match="positive"):
+        steps.solve(Diffusion(kappa=np.zeros(mesh.n_cells), source=1.0))
+    assert steps.solve(Diffusion(kappa=np.ones(mesh.n_cells), source=1.0)).converged
+
+
+def test_kinds_of_problems_share_no_basis() -> None:
+    """Elasticity merges the edges of agglomerates, the penalty of the paper does not."""
+    mesh = samples.voronoi(60, seed=2).coarsen(np.arange(60) // 4)
+    solver, problem = PolyDGMultigrid(penalty="paper"), Diffusion(source=1.0)
+    steps = solver.repeated(bare(mesh))
+    assert steps.solve(Elasticity(young=1.0, poisson=0.3, force=(0.0, -1.0))).converged
+    assert steps.solve(problem).b.tolist() == solver.solve(problem, bare(mesh)).b.tolist()
+    assert abs(steps.solve(problem).A - solver.solve(problem, bare(mesh)).A).max() == 0.0

@@ -11,7 +11,6 @@ import numpy as np
 from agglo_core.authoring import Int, Mesh, OptionError, System, multigrid, solvers
 from agglo_polydg_mg.elasticity.discretisation import Assembled
 from agglo_polydg_mg.elasticity.levels import elastic_stack
-from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import Kept
 from agglo_polydg_mg.solver.choose import Overrides, Plan, choose
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
@@ -32,7 +31,7 @@ class ElasticityTask(DiffusionTask):
     def __init__(self, problem: Any, hierarchy: Any, how: Any, *rest: Any) -> None:
         super().__init__(problem, hierarchy, how.of_kind(problem.kind), *rest)
 
-    def _assembled(self, mesh: Mesh, units: UnitForms | None, kept: Kept | None) -> solvers.FineSystem:
+    def _assembled(self, mesh: Mesh, kept: Kept | None) -> solvers.FineSystem:
         self._found: Assembled = self._how.assembled(self.problem, mesh, self.basis)
         fine: solvers.FineSystem = self._how.fine_from(self._found, self.problem, mesh)
         return fine

@@ -8,7 +8,7 @@ depend on the ratio; for κ = 1 averages are arithmetic and γ = 1.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -44,7 +44,6 @@ from agglo_polydg_mg.forms.floating import balanced, floating_parts, hold
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty, face_penalty
 from agglo_polydg_mg.forms.sharp_penalty import sharp_penalty
 from agglo_polydg_mg.forms.side_sums import add_sides
-from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.space.basis import Basis, stiffness
 
 
@@ -115,21 +114,19 @@ def discretise_lifted(
     penalty: Penalty = PAPER,
     scaled_basis: bool = False,
     basis: Basis | None = None,
-    units: UnitForms | None = None,
     kept: tuple[Any, Float] | None = None,
 ) -> Lifted:
     """Assemble as :func:`discretise` does, and also return the load for u − c, c from :func:`data_offset`.
 
-    A ``basis`` from an earlier problem with this mesh and degree keeps the purely geometric data; ``units``
-    keep parts that κ only scales, if κ is constant in each cell. Matrix and penalty may be ``kept`` from an
-    earlier problem if only data differ.
+    A ``basis`` from an earlier problem with this mesh and degree keeps the purely geometric data. Matrix and
+    penalty may be ``kept`` from an earlier problem if only data differ.
     """
     # 1. Check the data
     basis = basis or Basis(mesh, degree, scaled_basis)
     boundary = boundary_faces(mesh, problem)
     kappa = positive(mesh, problem.kappa)
     # 2. Penalty and matrix
-    A, sigma = kept or _matrix_and_penalty(basis, problem, boundary, penalty, kappa, units)
+    A, sigma = kept or _matrix_and_penalty(basis, problem, boundary, penalty, kappa)
     # 3. Load and Dirichlet data
     parts = floating_parts(basis, boundary)
     loads = load(basis, problem).reshape(mesh.n_cells, -1)
@@ -156,21 +153,13 @@ def discretise_lifted(
 
 
 def _matrix_and_penalty(
-    basis: Basis,
-    problem: Diffusion,
-    boundary: Boundary,
-    penalty: Penalty,
-    kappa: Field | Tensor,
-    units: UnitForms | None,
+    basis: Basis, problem: Diffusion, boundary: Boundary, penalty: Penalty, kappa: Field | Tensor
 ) -> tuple[Any, Float]:
     mesh = basis.mesh
-    scales = not callable(kappa) and not isinstance(kappa, Tensor)
-    unit_forms = units if units is not None and units.fit and scales else None
     on_faces = on_both_sides(mesh, kappa, all_faces(mesh), basis.degree + 2)
-    inside = stiffness(basis, kappa) if unit_forms is None else None
-    sigma = jump_penalty(basis, kappa, penalty, boundary.natural, on_faces, inside, unit_forms)
-    reaction = reaction_blocks(basis, problem.reaction)
-    A = _matrix(basis, inside, on_faces, sigma, kappa, unit_forms, reaction)
+    inside = stiffness(basis, kappa)
+    sigma = jump_penalty(basis, kappa, penalty, boundary.natural, on_faces, inside)
+    A = _matrix(basis, inside, on_faces, sigma, reaction_blocks(basis, problem.reaction))
     robin = robin_terms(basis, problem, boundary)
     if robin is not None:
         robin.add_to(A.data, basis.pattern[2])
@@ -197,21 +186,20 @@ def jump_penalty(
     natural: Int,
     on_faces: OnFaces | None = None,
     inside: Float | None = None,
-    units: UnitForms | None = None,
 ) -> Float:
     """Return each face's jump penalty σ ``(n_faces,)``, 0 on ``natural`` (Neumann) faces.
 
     κ comes from :func:`positive`. If available, pass :func:`on_both_sides` for degree + 2 as
-    ``on_faces``, its :func:`stiffness` as ``inside``, and, if κ is constant in each cell, ``units``.
+    ``on_faces``, and its :func:`stiffness` as ``inside``.
     """
     if penalty != "sharp":
         constant = PAPER if penalty == "paper" else penalty
         return face_penalty(basis.mesh, basis.degree, constant, natural)
     if on_faces is None:
         on_faces = on_both_sides(basis.mesh, kappa, all_faces(basis.mesh), basis.degree + 2)
-    if inside is None and units is None:
+    if inside is None:
         inside = stiffness(basis, kappa)
-    return sharp_penalty(basis, kappa, on_faces, inside, natural, units)
+    return sharp_penalty(basis, kappa, on_faces, inside, natural)
 
 
 def effective_penalty(basis: Basis, problem: Diffusion, sigma: Float) -> Float:
@@ -236,15 +224,9 @@ def effective_penalty(basis: Basis, problem: Diffusion, sigma: Float) -> Float:
 
 
 def _matrix(
-    basis: Basis,
-    inside: Float | None,
-    on_faces: OnFaces,
-    sigma: Float,
-    kappa: Field | Tensor,
-    units: UnitForms | None,
-    reaction: Float | None,
+    basis: Basis, inside: Float, on_faces: OnFaces, sigma: Float, reaction: Float | None
 ) -> sparse.bsr_array:
-    from agglo_polydg_mg.forms.face_kernels import add_scaled_blocks, face_blocks
+    from agglo_polydg_mg.forms.face_kernels import face_blocks
 
     # 1. Stiffness and reaction on the diagonal blocks
     mesh = basis.mesh
@@ -252,8 +234,7 @@ def _matrix(
     rule = gauss(basis.degree + 1 if count == 1 else count)
     indptr, indices, diagonal, slots = basis.pattern
     blocks = np.zeros((len(indices), basis.n_local, basis.n_local))
-    if inside is not None:
-        blocks[diagonal] = inside
+    blocks[diagonal] = inside
     if reaction is not None:
         blocks[diagonal] += reaction
     across, cells = basis.across, mesh.face_cells if mesh.dim == 2 else basis.sides.cells
@@ -268,13 +249,9 @@ def _matrix(
         faces = frozen_int(np.flatnonzero(in_strip.take(cells).any(axis=1)))
         if mesh.dim == 3:
             add_sides(basis, faces, in_strip, sigma, on_faces, blocks)
-        elif units is None:
+        else:
             form_data = *frames, sigma, *on_faces, *rule
             face_blocks(points, pairs, cells, faces, in_strip, slots, *form_data, blocks)
-        else:
-            assert not isinstance(kappa, Tensor)
-            parts = slots, diagonal, sigma, frozen_float(cast(Any, kappa)), units.stiffness, units.faces
-            add_scaled_blocks(cells, faces, in_strip, *parts, blocks)
 
     # 2. Faces, strip by strip
     points, pairs = mesh.local_points, mesh.face_pairs if mesh.dim == 2 else None

@@ -132,16 +132,16 @@ def whiten(slopes, q, factor, n):
 
 
 @helper
-def _gather(forms, base, weights, start, first, last, n, whole, lanes, lane):
-    """Sum weights[F] forms[F] over the faces F of one cell, and write the matrix to one vector lane.
+def _gather(forms, weights, first, last, n, whole, lanes, lane):
+    """Sum weights[F] forms[F] over the faces ``first`` to ``last`` of one cell, in one vector lane.
 
     ``whole`` is workspace for the sum, contiguous there and strided in the lane.
     """
     place = 0
     for k in range(len(whole)):
         whole[k] = 0.0
-    for h in range(first, last):
-        form, weight = forms[h - base], weights[h - start]
+    for face in range(first, last):
+        form, weight = forms[face], weights[face]
         for k in range(len(whole)):
             whole[k] += form[k] * weight
     for i in range(n):
@@ -186,46 +186,42 @@ def balance_workspace(most, n):
 
 
 @helper
-def balance(
-    offsets, faces, face_cells, first_cell, begin, end, forms, base, shares, lengths, n, workspace, penalties
-):  # fmt: skip
+def balance(offsets, faces, face_cells, first_cell, begin, end, forms, lengths, n, workspace, penalties):
     """Compute the penalty s_KF that each cell K from ``begin`` to ``end`` requires on each face F.
 
     There are at most ``LANES`` cells, and ``penalties (F, 2)`` receives the values. They satisfy Σ_F T_F /
     s_F ≤ S, with the forms T_F in coordinates where S is the identity: s_F = λ w_F, λ a bound for the
     largest eigenvalue of Σ_F T_F / w_F, for the better weight w of two (``mathematics.md``, "The sharp
-    penalty"). List face h has the form ``forms[h - base]`` times ``shares[k]``, with k counted from the
-    first face of cell ``begin``; a face with ``lengths[k]`` 0 needs no penalty.
+    penalty"). ``forms`` and ``lengths`` are counted from the first face of cell ``begin``; a face with length
+    0 needs no penalty.
     """
     first, second, inverse, lanes, scaled, traces, of_traces, uniform, balanced, whole = workspace
     start, last = offsets[begin], forms.shape[1] - 1
     # 1. First weights w_F² = tr(T_F) / |F|, and G = Σ_F T_F / w_F, one cell per lane.
     lanes[:] = 0.0
     for c in range(begin, end):
-        for h in range(offsets[c], offsets[c + 1]):
-            k = h - start
+        for k in range(offsets[c] - start, offsets[c + 1] - start):
             first[k] = inverse[k] = 0.0
             if lengths[k] > 0.0:
-                first[k] = np.sqrt(forms[h - base, last] * shares[k] / lengths[k])
-                inverse[k] = shares[k] / first[k] if first[k] > 0.0 else 0.0
-        _gather(forms, base, inverse, start, offsets[c], offsets[c + 1], n, whole, lanes, c - begin)
+                first[k] = np.sqrt(forms[k, last] / lengths[k])
+                inverse[k] = 1.0 / first[k] if first[k] > 0.0 else 0.0
+        _gather(forms, inverse, offsets[c] - start, offsets[c + 1] - start, n, whole, lanes, c - begin)
     # 2. Second weights w_F² = tr(G² T_F) / |F|. The lanes hold (G / tr G)², which is also the first step to
     # the bound for λ; here tr G is multiplied back.
     square(lanes, scaled, traces[0], of_traces)
     for c in range(begin, end):
         _spread(lanes, c - begin, n, whole)
-        for h in range(offsets[c], offsets[c + 1]):
-            k = h - start
+        for k in range(offsets[c] - start, offsets[c + 1] - start):
             second[k] = inverse[k] = 0.0
             if first[k] > 0.0:
-                spread = shares[k] * _trace_of_product(forms[h - base], whole, last) / lengths[k]
+                spread = _trace_of_product(forms[k], whole, last) / lengths[k]
                 second[k] = traces[0, c - begin] * np.sqrt(max(0.0, spread))
-                inverse[k] = shares[k] / second[k] if second[k] > 0.0 else 0.0
+                inverse[k] = 1.0 / second[k] if second[k] > 0.0 else 0.0
     # 3. λ for the first weights, then the sum for the second weights, and their λ.
     complete(lanes, scaled, traces, of_traces, uniform)
     lanes[:] = 0.0
     for c in range(begin, end):
-        _gather(forms, base, inverse, start, offsets[c], offsets[c + 1], n, whole, lanes, c - begin)
+        _gather(forms, inverse, offsets[c] - start, offsets[c + 1] - start, n, whole, lanes, c - begin)
     square(lanes, scaled, traces[0], of_traces)
     complete(lanes, scaled, traces, of_traces, balanced)
     # 4. Choose s = λ w with the smaller Σ_F |F| s_F, the penalty of a unit jump.

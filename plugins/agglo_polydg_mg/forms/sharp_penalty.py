@@ -19,7 +19,6 @@ from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.forms.face_quadrature import OnFaces
 from agglo_polydg_mg.forms.penalty import simplex_heights
 from agglo_polydg_mg.forms.side_sums import solid_requirements
-from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.space.basis import Basis
 
 MARGIN = 0.25
@@ -31,9 +30,8 @@ def sharp_penalty(
     basis: Basis,
     kappa: Field | Tensor,
     on_faces: OnFaces,
-    blocks: Float | None,
+    blocks: Float,
     natural: Int | None = None,
-    units: UnitForms | None = None,
 ) -> Float:
     """Return the penalty σ ``(n_faces,)``, in 1 / length, with a(v, v) >= MARGIN · ‖v‖²_DG for all v.
 
@@ -50,12 +48,10 @@ def sharp_penalty(
         The coefficient.
     on_faces : OnFaces
         The coefficient on both face sides, at the Gauss points of the face pieces for a callable.
-    blocks : (n_cells, n_local, n_local) float, or None
-        ∫ κ∇φ_i·∇φ_j per cell; not needed if there are ``units``.
+    blocks : (n_cells, n_local, n_local) float
+        ∫ κ∇φ_i·∇φ_j per cell.
     natural : (k,) int, optional
         Neumann faces: they have no penalty, and no requirement.
-    units : UnitForms, optional
-        From an earlier problem, if κ is constant in each cell.
 
     Raises
     ------
@@ -66,12 +62,8 @@ def sharp_penalty(
     penalised = np.ones(basis.mesh.n_faces, bool)
     if natural is not None:
         penalised[natural] = False
-    if units is not None and not callable(kappa) and not isinstance(kappa, Tensor):
-        requirements, resolved = units.requirements(frozen_float(kappa), penalised)
-    else:
-        assert blocks is not None
-        ask = _plane_requirements if basis.mesh.dim == 2 else solid_requirements
-        requirements, resolved = ask(basis, on_faces, blocks, penalised)
+    by_eigenvalues = _plane_requirements if basis.mesh.dim == 2 else solid_requirements
+    requirements, resolved = by_eigenvalues(basis, on_faces, blocks, penalised)
     # 2. Requirements of thin cells by simplices
     if not resolved.all():
         requirements += _by_simplices(basis, kappa, on_faces, penalised, ~resolved)

@@ -124,12 +124,7 @@ def solid_penalties(
     n, n_cells, most = len(orders) - 1, len(offsets) - 1, most_faces(offsets)
     degree = orders[len(orders) - 1, 2]
     resolved, forms = np.ones(n_cells, np.bool_), np.zeros((most, (n * (n + 1)) // 2 + 1))
-    areas, shares, factor, workspace = (
-        np.empty(most),
-        np.ones(most),
-        np.empty((n, n)),
-        balance_workspace(most, n),
-    )
+    areas, factor, workspace = np.empty(most), np.empty((n, n)), balance_workspace(most, n)
     tracing = recurrences(degree), np.empty((6, degree + 1)), np.empty((1, n)), np.empty(3)
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
@@ -156,18 +151,6 @@ def solid_penalties(
                     )  # fmt: skip
         # 3. s_F for all sides of these cells.
         balance(
-            offsets,
-            cell_sides,
-            side_cells,
-            first_cell,
-            begin,
-            end,
-            forms,
-            start,
-            shares,
-            areas,
-            n,
-            workspace,
-            penalties,
+            offsets, cell_sides, side_cells, first_cell, begin, end, forms, areas, n, workspace, penalties
         )
     return resolved

@@ -1,8 +1,4 @@
-"""Kernels for the sharp penalty in 2-D: the trace inverse inequality of each cell.
-
-They compute it directly for any κ, or in two steps if κ is constant in each cell: the geometric part is
-kept, and scaled by each κ.
-"""
+"""Kernels for the sharp penalty in 2-D: the trace inverse inequality of each cell."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -45,18 +41,18 @@ def _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q):
 
 
 @helper
-def _face_form(slopes, masses, n, forms, face):
-    """Write Σ_q masses[q] y yᵀ, with y = slopes[q], to ``forms[face]`` as its lower half and trace."""
+def _face_form(slopes, masses, n, form):
+    """Write Σ_q masses[q] y yᵀ, with y = slopes[q], to ``form`` as its lower half and trace."""
     trace, place = 0.0, 0
     for i in range(n):
         for j in range(i + 1):
             value = 0.0
             for q in range(len(masses)):
                 value += masses[q] * slopes[q, i] * slopes[q, j]
-            forms[face, place] = value
+            form[place] = value
             place += 1
         trace += value
-    forms[face, place] = trace
+    form[place] = trace
 
 
 @helper(allocates=True)
@@ -71,13 +67,13 @@ def _trace_workspace(rules, degree, n):
 @helper
 def _trace(
     points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, penalised, boxes, scale, fill,
-    blocks, kappa, directions, nodes, weights, n, workspace, forms, base, lengths, resolved,
+    blocks, kappa, directions, nodes, weights, n, workspace, forms, lengths, resolved,
 ):  # fmt: skip
-    """Compute the matrix of the trace inequality on each face h of the cells ``begin`` to ``end``.
+    """Compute the matrix of the trace inequality on each face of the cells ``begin`` to ``end``.
 
-    The result is ``forms[h - base]``. It is L⁻¹ T_F L⁻ᵀ with the Cholesky factor L of the stiffness S
-    without the constant, for which T_F is 0. ``lengths`` receives the face lengths, counted from the first
-    of these cells; 0 for faces without form.
+    The results ``forms`` are counted from the first face of these cells. They are L⁻¹ T_F L⁻ᵀ with the
+    Cholesky factor L of the stiffness S without the constant, for which T_F is 0. ``lengths`` receives the
+    face lengths; 0 for faces without form.
     """
     table, lines, slopes, masses, factor = workspace
     start = offsets[begin]
@@ -121,7 +117,7 @@ def _trace(
                 _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q)
                 whiten(slopes, q, factor, n)
             lengths[k] = length
-            _face_form(slopes, masses, n, forms, h - base)
+            _face_form(slopes, masses, n, forms[k])
 
 
 @kernel
@@ -140,73 +136,14 @@ def side_penalties(
     """
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
     resolved, forms = np.ones(n_cells, np.bool_), np.zeros((most, (n * (n + 1)) // 2 + 1))
-    lengths, shares = np.empty(most), np.ones(most)
+    lengths = np.empty(most)
     tracing, workspace = _trace_workspace(len(nodes), degree, n), balance_workspace(most, n)
     # One batch of cells at a time: their forms, then the required penalties.
-    for begin in range(0, n_cells, LANES):
-        end, start = min(begin + LANES, n_cells), offsets[begin]
-        _trace(
-            points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, penalised, boxes,
-            scale, fill, blocks, kappa, directions, nodes, weights, n, tracing, forms, start, lengths,
-            resolved,
-        )  # fmt: skip
-        balance(
-            offsets, faces, face_cells, first_cell, begin, end, forms, start, shares, lengths, n, workspace,
-            penalties,
-        )  # fmt: skip
-    return resolved
-
-
-@kernel
-def whitened_forms(
-    points, offsets, faces, face_vertices, face_cells, first_cell, penalised, boxes, scale, fill, blocks,
-    kappa, directions, nodes, weights, degree, forms,
-):  # fmt: skip
-    """Compute the matrices T_F of :func:`side_penalties` in bases orthonormal in the energy product.
-
-    The result is the mask of cells whose stiffness is not singular to rounding. ``forms (h, k)`` receives
-    T_F of each list face h, whitened by the stiffness: the lower half, row by row, and its trace.
-    """
-    n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
-    resolved, lengths, workspace = (
-        np.ones(n_cells, np.bool_),
-        np.empty(most),
-        _trace_workspace(len(nodes), degree, n),
-    )
     for begin in range(0, n_cells, LANES):
         end = min(begin + LANES, n_cells)
         _trace(
             points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, penalised, boxes,
-            scale, fill, blocks, kappa, directions, nodes, weights, n, workspace, forms, 0, lengths,
-            resolved,
+            scale, fill, blocks, kappa, directions, nodes, weights, n, tracing, forms, lengths, resolved,
         )  # fmt: skip
+        balance(offsets, faces, face_cells, first_cell, begin, end, forms, lengths, n, workspace, penalties)
     return resolved
-
-
-@kernel
-def scaled_penalties(
-    offsets, faces, face_cells, first_cell, penalised, face_lengths, kappa, forms, resolved, degree, penalties
-):  # fmt: skip
-    """Compute the ``penalties`` of :func:`side_penalties` for ``kappa (n,)``, scaling :func:`whitened_forms`.
-
-    ``forms`` and ``resolved`` cover all cells, for c = κ = 1. As S is proportional to κ, the whitened form
-    of a face is scaled by c / κ: (1/2) κ' / (κ + κ') inside, 1 at the boundary.
-    """
-    n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
-    lengths, shares, workspace = np.empty(most), np.empty(most), balance_workspace(most, n)
-    for begin in range(0, n_cells, LANES):
-        end, start = min(begin + LANES, n_cells), offsets[begin]
-        for c in range(begin, end):
-            # c / κ for each face; length 0 means that the face has no form.
-            cell = first_cell + c
-            for h in range(offsets[c], offsets[c + 1]):
-                f, k = faces[h], h - start
-                neighbour = face_cells[f, 0] + face_cells[f, 1] - cell
-                lengths[k] = face_lengths[f] if resolved[cell] and penalised[f] else 0.0
-                shares[k] = 1.0
-                if neighbour >= 0:
-                    shares[k] = 0.5 * kappa[neighbour] / (kappa[cell] + kappa[neighbour])
-        balance(
-            offsets, faces, face_cells, first_cell, begin, end, forms, 0, shares, lengths, n, workspace,
-            penalties,
-        )  # fmt: skip

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -28,7 +28,6 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.forms.coefficients import cell_means
 from agglo_polydg_mg.forms.norms import EnergyNorm
-from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import Kept, PolyDG
 from agglo_polydg_mg.solver.choose import Overrides, Plan, choose
 from agglo_polydg_mg.solver.levels import build, cells_per_part
@@ -40,11 +39,33 @@ _LARGEST_SHIFT: Final = 1e-10
 """Diagonal shifts, relative to the diagonal, tried in turn until the levels can be built."""
 
 
+class Earlier(NamedTuple):
+    """Parts of an earlier problem on a hierarchy that serve the next one, as far as they are given.
+
+    Attributes
+    ----------
+    numbering : Numbering, optional
+    basis : Basis, optional
+        On the mesh in that numbering.
+    plan : Plan, optional
+        Describes levels that are kept.
+    kept : Kept, optional
+        Parts of an equal matrix.
+    """
+
+    numbering: Numbering | None = None
+    basis: Basis | None = None
+    plan: Plan | None = None
+    kept: Kept | None = None
+
+
+NOTHING_EARLIER: Final = Earlier()
+
+
 class DiffusionTask:
     """Diffusion problem discretised on a hierarchy's mesh, with its multigrid levels.
 
-    ``units``, ``numbering``, and with an equal matrix ``kept``, may come from an earlier problem. A ``plan``
-    describes existing levels; without it the plan is made on first use. All arrays follow the cell
+    Without the plan of an ``earlier`` problem the plan is made on first use. All arrays follow the cell
     ``numbering``.
 
     Raises
@@ -60,32 +81,29 @@ class DiffusionTask:
         how: PolyDG,
         overrides: Overrides,
         count: int | None,
-        units: UnitForms | None = None,
-        plan: Plan | None = None,
-        numbering: Numbering | None = None,
-        kept: Kept | None = None,
+        earlier: Earlier = NOTHING_EARLIER,
     ) -> None:
         if hierarchy.fine is None:
             raise OptionError(
                 "a diffusion problem requires a mesh, but this hierarchy belongs to a graph without a "
                 "mesh: agglomerate the Mesh instead"
             )
-        self.numbering = numbering or numbering_for(hierarchy)
+        self.numbering = earlier.numbering or numbering_for(hierarchy)
         self.problem, self.hierarchy = self.numbering.problem(problem), self.numbering.hierarchy
-        self.count, self._overrides, self._plan = count, overrides, plan
+        self.count, self._overrides, self._plan = count, overrides, earlier.plan
         self._how, self._mesh, self._problem = how, hierarchy.fine, problem
         try:
-            self.basis: Basis = how.basis(self.numbering.mesh) if units is None else units.basis
-            self.fine = self._assembled(solvers.own_mesh(self.hierarchy), units, kept)
+            self.basis: Basis = earlier.basis or how.basis(self.numbering.mesh)
+            self.fine = self._assembled(solvers.own_mesh(self.hierarchy), earlier.kept)
         except AggloError:
             if self.numbering.cells is not None:
                 # Raise the error with the user's cell numbers
                 how.fine_system(problem, solvers.own_mesh(hierarchy))
             raise
 
-    def _assembled(self, mesh: Mesh, units: UnitForms | None, kept: Kept | None) -> solvers.FineSystem:
+    def _assembled(self, mesh: Mesh, kept: Kept | None) -> solvers.FineSystem:
         """Discretise the problem on a mesh."""
-        return self._how.fine_system(self.problem, mesh, self.basis, units, kept)
+        return self._how.fine_system(self.problem, mesh, self.basis, kept)
 
     def with_load(self, load: Float, plan: Plan | None = None) -> DiffusionTask:
         """Return the task with ``load (n,)``, in the user's numbering, added to the right-hand side.
@@ -103,7 +121,7 @@ class DiffusionTask:
         penalty, norm = self.fine.penalty, self.fine.measure.norm
         if penalty is None:
             return None
-        return self.fine.A, penalty, norm if isinstance(norm, EnergyNorm) else None
+        return Kept(self.fine.A, penalty, norm if isinstance(norm, EnergyNorm) else None)
 
     @property
     def plan(self) -> Plan:

@@ -24,12 +24,10 @@ from agglo_core.authoring import (
     solvers,
 )
 from agglo_polydg_mg.elasticity.task import ElasticityTask
-from agglo_polydg_mg.forms.unit_forms import UnitForms
-from agglo_polydg_mg.polydg import Kept, PolyDG
-from agglo_polydg_mg.solver.choose import Overrides, Plan
+from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.solver.choose import Overrides
 from agglo_polydg_mg.solver.convection_task import ConvectionTask
-from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
-from agglo_polydg_mg.solver.numbering import Numbering
+from agglo_polydg_mg.solver.diffusion_task import NOTHING_EARLIER, DiffusionTask, Earlier
 
 Task = DiffusionTask | solvers.LinearTask
 
@@ -40,15 +38,11 @@ def task_for(
     how: Any,
     overrides: Overrides,
     count: int | None,
-    units: UnitForms | None = None,
-    plan: Plan | None = None,
-    numbering: Numbering | None = None,
-    kept: Kept | None = None,
+    earlier: Earlier = NOTHING_EARLIER,
 ) -> Task:
     """Check that a problem fits a hierarchy, and discretise it unless it is a linear system.
 
-    ``units`` and ``numbering`` may come from an earlier diffusion problem on the hierarchy, and ``kept``
-    from one with an equal matrix. The ``plan`` describes its levels if they are kept.
+    Discretised problems may use parts of an ``earlier`` problem of their kind on the hierarchy.
     """
     if not isinstance(problem, Linear) and not isinstance(how, PolyDG):
         if overrides.recipe != "auto":
@@ -56,10 +50,10 @@ def task_for(
         fine = solvers.fine_system(problem, hierarchy, how)
         return solvers.DiscretisedTask(fine, overrides.cycle, overrides.precision)
     if isinstance(problem, Diffusion) and solvers.has_convection(problem):
-        return ConvectionTask(problem, hierarchy, how, overrides, count, units, None, numbering, kept)
+        return ConvectionTask(problem, hierarchy, how, overrides, count, earlier._replace(plan=None))
     if isinstance(problem, Diffusion | Elasticity):
         made: Any = DiffusionTask if isinstance(problem, Diffusion) else ElasticityTask
-        task: Task = made(problem, hierarchy, how, overrides, count, units, plan, numbering, kept)
+        task: Task = made(problem, hierarchy, how, overrides, count, earlier)
         return task
     if isinstance(problem, Linear) and not problem.symmetric:
         return solvers.GeneralTask(problem, hierarchy, overrides.recipe, overrides.cycle, overrides.precision)

@@ -21,13 +21,11 @@ from agglo_core.authoring import (
     solvers,
 )
 from agglo_core.threads import one_blas_thread
-from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.choose import Overrides, Plan
-from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
+from agglo_polydg_mg.solver.diffusion_task import NOTHING_EARLIER, DiffusionTask, Earlier
 from agglo_polydg_mg.solver.earlier_solutions import KEPT, best_combination
 from agglo_polydg_mg.solver.equal_matrices import coefficients_of, equal_coefficients
-from agglo_polydg_mg.solver.numbering import Numbering
 from agglo_polydg_mg.solver.phases import Task, build_solution, iterate, set_up, task_for, zero_solution
 
 _MORE: Final = 1.2
@@ -53,9 +51,7 @@ class RepeatedSolves:
     serve again. Levels with a different number of unknowns are never reused, nor those of a matrix whose
     diagonal entries have changed by factors that differ by more than 10.
 
-    From the second system on, matrix parts that a cell-wise constant κ only scales are kept
-    (:class:`~agglo_polydg_mg.forms.unit_forms.UnitForms`): about twice the memory of the matrix, 2 GiB at
-    most. ``operators`` of a Solution belong to the levels in use, possibly from an earlier system, as its
+    ``operators`` of a Solution belong to the levels in use, possibly from an earlier system, as its
     ``choice`` then states.
 
     Create an instance by :meth:`~agglo_polydg_mg.solver.polydg_multigrid.PolyDGMultigrid.repeated`. It is
@@ -97,8 +93,7 @@ class RepeatedSolves:
         )
         self._before: list[int] = []  # iterations before the levels were built
         self._earlier: list[list[Float]] = []
-        self._units: UnitForms | None = None
-        self._numbering: Numbering | None = None
+        self._geometry: dict[str, Earlier] = {}  # numbering and basis by kind of problem
         self._plan: Plan | None = None
         self._task: Task | None = None
         self._coefficients: Mapping[str, Any] = {}
@@ -119,7 +114,8 @@ class RepeatedSolves:
             coefficients, kept = coefficients_of(problem), None
             if isinstance(self._task, DiffusionTask) and equal_coefficients(coefficients, self._coefficients):
                 kept = self._task.kept
-            task = task_for(problem, *self._made_of, self._units, plan, self._numbering, kept)
+            earlier = self._geometry.get(getattr(problem, "kind", ""), NOTHING_EARLIER)
+            task = task_for(problem, *self._made_of, earlier._replace(plan=plan, kept=kept))
             self._task, self._coefficients = task, coefficients
         return self._solve(_with_load(task, load), watch, progress)
 
@@ -139,10 +135,10 @@ class RepeatedSolves:
         return self._solve(task, watch, progress)
 
     def _solve(self, task: Task, watch: solvers.Stopwatch, progress: Listener | None) -> Solution:
-        # 1. Keep numbering and unit forms
+        # 1. Keep numbering and basis
         setups = self.setups
-        if isinstance(task, DiffusionTask) and self._units is None:
-            self._units, self._numbering = UnitForms(task.basis), task.numbering  # filled on first use
+        if isinstance(task, DiffusionTask):
+            self._geometry[task.problem.kind] = Earlier(task.numbering, task.basis)
         # 2. Drop levels and solutions that do not fit this system
         if type(task) is not self._kind:  # other numbering, or other levels
             self._kept, self._earlier, self._kind = None, [], type(task)
