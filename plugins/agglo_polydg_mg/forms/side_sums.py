@@ -21,8 +21,6 @@ def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: OnFa
     from agglo_polydg_mg.forms.side_kernels import side_blocks
 
     mesh, p, all_sides = basis.mesh, basis.degree, basis.sides
-    if basis.walk is not None:
-        sides = sides[np.argsort(basis.walk.turns[all_sides.cells[sides, 0]], kind="stable")]
     rule = _rule(p + 1, on_faces.kappa)
     of_faces = mesh.face_offsets, mesh.face_vertices, mesh.face_cells, mesh.face_normals
     of_sides = all_sides.offsets, all_sides.faces, all_sides.cells, frozen_int(sides), mine, basis.pattern[3]
@@ -38,38 +36,23 @@ def solid_requirements(basis: Basis, on_faces: OnFaces, blocks: Float, held: Mas
     """
     from agglo_polydg_mg.forms.side_trace_kernels import solid_penalties
 
-    # 1. Arrays in the order of the walk
-    mesh, p, all_sides = basis.mesh, basis.degree, basis.sides
-    requirements = np.zeros((len(all_sides.cells), 2))
+    # 1. Requirements for the sides
+    mesh, p, sides = basis.mesh, basis.degree, basis.sides
+    requirements = np.zeros((len(sides.cells), 2))
     form_data = held, *on_faces, *_rule(p, on_faces.kappa), orders(p, 3)
-    of_cells: tuple[Float, ...] = (basis.boxes, basis.scale, basis.fill, frozen_float(blocks))
-    offsets, sides, face_cells, side_cells = (
-        all_sides.cell_offsets,
-        all_sides.cell_sides,
-        mesh.face_cells,
-        all_sides.cells,
-    )
-    walk = basis.walk
-    if walk is not None:
-        offsets, sides = walk.rows(offsets, sides)
-        of_cells = tuple(frozen_float(a[walk.cells]) for a in of_cells)
-        face_cells, side_cells = frozen_int(walk.turns[face_cells]), frozen_int(walk.turns[side_cells])
-    shape = mesh.local_points, mesh.face_offsets, mesh.face_vertices, face_cells, mesh.face_normals
+    of_cells = basis.boxes, basis.scale, basis.fill, frozen_float(blocks)
+    shape = mesh.local_points, mesh.face_offsets, mesh.face_vertices, mesh.face_cells, mesh.face_normals
 
-    # 2. Requirements for the sides
-    def ask(start: int, stop: int) -> np.ndarray:
-        cells = offsets[start : stop + 1], sides, start, *(a[start:stop] for a in of_cells)
-        return np.asarray(
-            solid_penalties(
-                *shape, all_sides.offsets, all_sides.faces, side_cells, *cells, *form_data, requirements
-            )
-        )
+    def require(start: int, stop: int) -> np.ndarray:
+        of_sides = sides.offsets, sides.faces, sides.cells
+        cells = sides.cell_offsets[start : stop + 1], sides.cell_sides, start
+        data = *(a[start:stop] for a in of_cells), *form_data
+        return np.asarray(solid_penalties(*shape, *of_sides, *cells, *data, requirements))
 
-    resolved = np.concatenate(over_ranges(ask, mesh.n_cells, few=COSTLY))
-    # 3. Spread to the faces, in owner–neighbour order
-    resolved = resolved if walk is None else walk.back(resolved)
-    turned = mesh.face_cells[:, 0] != all_sides.cells[all_sides.of_faces, 0]
-    of_faces = np.where(held[:, None], requirements[all_sides.of_faces], 0.0)
+    resolved = np.concatenate(over_ranges(require, mesh.n_cells, few=COSTLY))
+    # 2. Spread to the faces, in owner–neighbour order
+    turned = mesh.face_cells[:, 0] != sides.cells[sides.of_faces, 0]
+    of_faces = np.where(held[:, None], requirements[sides.of_faces], 0.0)
     of_faces[turned] = of_faces[turned][:, ::-1]
     return of_faces, resolved
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from scipy import sparse
@@ -29,7 +29,15 @@ from agglo_core.authoring import (
 )
 from agglo_core.graph.ordering import curve_order
 from agglo_core.problems.solution import Deferred
-from agglo_polydg_mg.space.walk import FEW, SCATTERED
+
+FEW: Final = {2: 10_000, 3: 3_000}
+"""Number of cells, by dimension, up to which any order is fast enough (benchmarks/solve.py)."""
+_SCATTERED: Final = 4.0
+"""Limit for the mean number difference of neighbours over √n, in 3-D n^⅔: about 0.5 for rows or curves.
+
+A larger value leaves more meshes in their own order, a smaller one renumbers meshes that gain little
+(benchmarks/solve.py).
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +185,7 @@ def _is_scattered(indptr: Int, indices: Index, dim: int) -> bool:
     """Return True if neighbouring cells have distant indices on average."""
     n = len(indptr) - 1
     distances = np.abs(indices - np.repeat(np.arange(n, dtype=np.int32), np.diff(indptr)))
-    return bool(distances.mean() > SCATTERED * n ** (1 - 1 / dim)) if len(distances) else False
+    return bool(distances.mean() > _SCATTERED * n ** (1 - 1 / dim)) if len(distances) else False
 
 
 def _take_rows(values: Float, rows: Int) -> Float:

@@ -22,7 +22,6 @@ from agglo_core.threads import over_ranges
 from agglo_polydg_mg.forms.sides import Sides, sides_of
 from agglo_polydg_mg.space.polynomials import derivatives, legendre, n_polynomials, orders, products, slopes
 from agglo_polydg_mg.space.quadrature import moments, weighted_moments
-from agglo_polydg_mg.space.walk import Walk, walk_through
 
 _FILL = 0.1
 """Box fraction below which a cell may have a rotated box. A smaller value leaves nearly dependent polynomials
@@ -129,14 +128,9 @@ class Basis:
         return sides_of(self.mesh)
 
     @cached_property
-    def walk(self) -> Walk | None:
-        """Loop order over cells in 3-D, or None for index order."""
-        return walk_through(self.mesh) if self.mesh.dim == 3 else None
-
-    @cached_property
     def _integrals(self) -> Float:
         """Integrals of the polynomials for source and stiffness terms, from :func:`moments`."""
-        return frozen_float(moments(self.mesh, self.boxes, max(self.degree, 2 * self.degree - 2), self.walk))
+        return frozen_float(moments(self.mesh, self.boxes, max(self.degree, 2 * self.degree - 2)))
 
     def weighted_moments(self, field: Field, degree: int, name: str) -> Float:
         """Integrate a field times each cell's polynomials, up to a degree.
@@ -258,7 +252,7 @@ class Basis:
     @cached_property
     def mass_blocks(self) -> Float:
         """Mass matrix ∫ φ_i φ_j per cell ``(n_cells, n_local, n_local)``."""
-        return self._mass_of(moments(self.mesh, self.boxes, 2 * self.degree, self.walk))
+        return self._mass_of(moments(self.mesh, self.boxes, 2 * self.degree))
 
     def weighted_mass(self, field: Callable[[Float], Float], name: str) -> Float:
         """Return the mass matrix with a callable as weight, per cell ``(n_cells, n_local, n_local)``."""

@@ -4,29 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import (
-    Field,
-    Float,
-    Int,
-    Mesh,
-    frozen_float,
-    frozen_int,
-)
+from agglo_core.authoring import Field, Float, Int, Mesh, frozen_float
 from agglo_core.fields.gauss_points import gauss, simplex_rule
 from agglo_core.fields.rules import inside
 from agglo_core.fields.values import per_cell, sample
 from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.space.polynomials import n_polynomials, orders
-from agglo_polydg_mg.space.walk import Walk
 
 
-def moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None = None) -> Float:
-    """Integrate polynomials up to a degree over each cell: ``(n, m)``, exact for any shape.
-
-    In 3-D cells may be visited in the order of a ``walk``.
-    """
+def moments(mesh: Mesh, boxes: Float, degree: int) -> Float:
+    """Integrate polynomials up to a degree over each cell: ``(n, m)``, exact for any shape."""
     if mesh.dim == 3:
-        return _solid_moments(mesh, boxes, degree, walk)
+        return _solid_moments(mesh, boxes, degree)
     from agglo_polydg_mg.space.legendre_kernels import boundary_moments
 
     rule = gauss((degree + 3) // 2)  # the antiderivative has a higher degree by one
@@ -41,22 +30,17 @@ def moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None = None) -> 
     return np.concatenate(over_ranges(integrals, mesh.n_cells, few=COSTLY))
 
 
-def _solid_moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None) -> Float:
+def _solid_moments(mesh: Mesh, boxes: Float, degree: int) -> Float:
     from agglo_polydg_mg.space.solid_kernels import solid_moments
 
-    rule = simplex_rule(2, (degree + 3) // 2)
-    (offsets, faces), of_faces = mesh.cell_faces, mesh.face_cells
-    if walk is not None:
-        (offsets, faces), boxes = walk.rows(offsets, faces), boxes[walk.cells]
-        of_faces = frozen_int(walk.turns[of_faces])
-    boxes, shape = frozen_float(boxes), (mesh.face_offsets, mesh.face_vertices, of_faces)
+    rule, (offsets, faces) = simplex_rule(2, (degree + 3) // 2), mesh.cell_faces
+    boxes, shape = frozen_float(boxes), (mesh.face_offsets, mesh.face_vertices, mesh.face_cells)
 
     def integrals(start: int, stop: int) -> Float:
         own = mesh.local_points, offsets[start : stop + 1], faces, *shape, start, boxes[start:stop]
         return np.asarray(solid_moments(*own, *rule, orders(degree, 3)))
 
-    found = np.concatenate(over_ranges(integrals, mesh.n_cells, few=COSTLY))
-    return found if walk is None else walk.back(found)
+    return np.concatenate(over_ranges(integrals, mesh.n_cells, few=COSTLY))
 
 
 def weighted_moments(mesh: Mesh, field: Field, boxes: Float, degree: int, name: str) -> Float:
