@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Float, Int, OptionError, frozen_float, frozen_int
+from agglo_core.authoring import Float, Int, OptionError, frozen_int
 from agglo_core.fields.gauss_points import gauss
 from agglo_polydg_mg.space.basis import Basis, one_per_row
 from agglo_polydg_mg.space.polynomials import legendre, orders
@@ -80,11 +80,10 @@ def _rotated_coefficients(fine: Basis, coarse: Basis, cells: Int, labels: Int) -
     c, s, across, up = box[:, 4:5], box[:, 5:], box[:, 2:3] * u, box[:, 3:4] * v
     points = box[:, None, :2] + np.stack((c * across - s * up, s * across + c * up), axis=2)
     points += fine.mesh.origin - coarse.mesh.origin
-    wide = coarse.values(frozen_int(np.repeat(labels, len(u))), frozen_float(points.reshape(-1, 2)))
+    wide = coarse.values(labels, points)
     (i, j), lines = orders(fine.degree).T, legendre(nodes, fine.degree)
     own = (lines[i][:, :, None] * lines[j][:, None]).reshape(len(i), -1) * np.outer(weights, weights).ravel()
-    found = own @ wide.reshape(len(cells), len(u), coarse.n_local)
-    return np.asarray(found / fine.scale[cells, None, None])
+    return np.asarray(own @ wide / fine.scale[cells, None, None])
 
 
 def _axis_coefficients(shift: Float, stretch: Float, degree: int) -> Float:

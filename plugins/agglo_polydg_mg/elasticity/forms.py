@@ -42,15 +42,13 @@ def cell_blocks(basis: Basis, material: Material, reaction: Float) -> Float:
 
 def tractions(basis: Basis, material: Material, rule: FaceRule, cells: Int) -> Float:
     """Return the tractions σ(φ_l e_b) n ``(t, q, d, d, m)`` of cells ``(t,)``: direction, then b and l."""
-    count, q, dim = rule.points.shape
-    slopes = basis.gradients(np.repeat(cells, q), rule.points.reshape(-1, dim))
-    slopes = slopes.reshape(count, q, dim, -1)
+    slopes = basis.gradients(cells, rule.points)
     lame, mu = (each[cells, None, None, None] for each in material)
     normals = rule.normals[:, None, :, None]
     found = (lame * slopes)[:, :, None] * normals[:, :, :, None]
     found += (mu * slopes)[:, :, :, None] * normals[:, :, None]
     along_normal = mu[:, :, 0] * (slopes * normals).sum(axis=2)
-    for axis in range(dim):
+    for axis in range(basis.mesh.dim):
         found[:, :, axis, axis] += along_normal
     return np.asarray(found)
 
@@ -93,11 +91,10 @@ def _add_faces(
     m, at = basis.n_local, np.searchsorted(faces, rule.faces)
     weights, cells = face_weights(mesh, material, faces), mesh.face_cells[rule.faces]
     # 1. Jumps of the scalar polynomials, and averages of tractions, of all cells
-    points = rule.points.reshape(-1, dim)
     jumps = np.empty((count, q, n_sides, m))
     averages = np.empty((count, q, n_sides, dim, dim, m))
     for side in range(n_sides):
-        values = basis.values(np.repeat(cells[:, side], q), points).reshape(count, q, m)
+        values = basis.values(cells[:, side], rule.points)
         jumps[:, :, side] = -values if side else values
         mean = along(weights.average[at, side], rule.normals)
         found = tractions(basis, material, rule, frozen_int(cells[:, side]))

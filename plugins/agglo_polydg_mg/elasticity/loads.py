@@ -154,8 +154,6 @@ def displacement_load(
 
 def _add_tests(basis: Basis, rule: FaceRule, g: Float, load: Float) -> None:
     """Add ∫ g·v over pieces of boundary faces to the load, for values ``g (t, q, d)``."""
-    count, q, dim = rule.points.shape
     cells = basis.mesh.face_cells[rule.faces, 0]
-    tests = basis.values(np.repeat(cells, q), rule.points.reshape(-1, dim)).reshape(count, q, -1)
-    values = (rule.weights[:, :, None] * g).transpose(0, 2, 1) @ tests
-    add_rows(load.reshape(len(load), -1), cells, values.reshape(count, -1))
+    values = (rule.weights[:, :, None] * g).transpose(0, 2, 1) @ basis.values(cells, rule.points)
+    add_rows(load.reshape(len(load), -1), cells, values.reshape(len(cells), -1))

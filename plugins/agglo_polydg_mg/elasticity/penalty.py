@@ -95,10 +95,9 @@ def _ask(
     polynomials of degree p − 1 in each cell.
     """
     mesh, faces = basis.mesh, rule.faces
-    count, q, dim = rule.points.shape
+    count, dim = len(rule.points), mesh.dim
     # 1. Traces of an orthonormal basis, and tractions for unit C^½ ε
-    values = basis.values(np.repeat(cells, q), rule.points.reshape(-1, dim)).reshape(count, q, -1)
-    values = values[:, :, : inverse.shape[1]] @ inverse[cells].transpose(0, 2, 1)
+    values = basis.values(cells, rule.points)[:, :, : inverse.shape[1]] @ inverse[cells].transpose(0, 2, 1)
     traces = values.transpose(0, 2, 1) @ (rule.weights[:, :, None] * values)
     tractions = contraction(rule.normals) @ root_of_tensor(material, cells, dim)
     share = along(weights.share[faces, sides], rule.normals)

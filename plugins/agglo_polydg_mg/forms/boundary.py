@@ -173,24 +173,23 @@ def dirichlet_load(
     ``sigma (n_faces,)`` the penalty.
     """
     mesh, rule = basis.mesh, rule_of(basis, boundary.dirichlet)
-    tests, faces = _traces(basis, rule), rule.faces
-    cells = np.repeat(mesh.face_cells[faces, 0], rule.points.shape[1])
-    slopes = basis.gradients(cells, rule.points.reshape(-1, mesh.dim))
+    cells = mesh.face_cells[rule.faces, 0]
+    tests, slopes = basis.values(cells, rule.points), basis.gradients(cells, rule.points)
     directions = rule.normals[:, None]
     if len(on_faces.directions):
         directions = on_pieces(on_faces.directions, boundary.dirichlet, rule)[:, 0]
-    directions = np.broadcast_to(directions, rule.points.shape).reshape(-1, mesh.dim)
-    fluxes = np.einsum("qd,qdk->qk", directions, slopes).reshape(tests.shape)
-    own = on_pieces(frozen_float(on_faces.kappa[:, 0]), boundary.dirichlet, rule)
-    tests = own[:, :, None] * (sigma[faces][:, None, None] * tests - fluxes)
-    return lambda g: _sum_per_cell(basis, faces, rule.weights * g, tests)
+    fluxes = np.einsum("tqd,tqdk->tqk", np.broadcast_to(directions, rule.points.shape), slopes)
+    kappa = on_pieces(frozen_float(on_faces.kappa[:, 0]), boundary.dirichlet, rule)
+    tests = kappa[:, :, None] * (sigma[rule.faces][:, None, None] * tests - fluxes)
+    return lambda g: sum_per_cell(basis, cells, rule.weights * g, tests)
 
 
 def natural_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
     """Return the right-hand side ``(n_cells, n_local)`` for Neumann and Robin data: ∫ g v."""
     rule = rule_of(basis, boundary.natural)
     g = natural_values(basis.mesh, boundary.tags, problem, rule.faces, rule.points)
-    return _sum_per_cell(basis, rule.faces, rule.weights * g, _traces(basis, rule))
+    cells = basis.mesh.face_cells[rule.faces, 0]
+    return sum_per_cell(basis, cells, rule.weights * g, basis.values(cells, rule.points))
 
 
 def natural_sizes(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
@@ -251,20 +250,12 @@ def robin_terms(basis: Basis, problem: Diffusion, boundary: Boundary) -> RobinTe
     alpha = robin_alpha(mesh, boundary.tags, problem, rule.faces, rule.points)
     g = boundary_values(mesh, boundary.tags, robin_data(problem, 1), rule.faces, rule.points, "robin")
     targets = np.divide(g, alpha, out=np.zeros_like(g), where=alpha > 0)
-    return RobinTerms(
-        frozen_int(mesh.face_cells[rule.faces, 0]), _traces(basis, rule), rule.weights * alpha, targets
-    )
+    cells = frozen_int(mesh.face_cells[rule.faces, 0])
+    return RobinTerms(cells, basis.values(cells, rule.points), rule.weights * alpha, targets)
 
 
-def _traces(basis: Basis, rule: FaceRule) -> Float:
-    """Evaluate the polynomials ``(t, q, n_local)`` of each face's owner cell at the quadrature points."""
-    count, n, dim = rule.points.shape
-    cells = np.repeat(basis.mesh.face_cells[rule.faces, 0], n)
-    return basis.values(cells, rule.points.reshape(-1, dim)).reshape(count, n, basis.n_local)
-
-
-def _sum_per_cell(basis: Basis, faces: Int, values: Float, tests: Float) -> Float:
-    """Sum values (t, q) times test functions (t, q, k) over each cell's points and faces."""
+def sum_per_cell(basis: Basis, cells: Int, values: Float, tests: Float) -> Float:
+    """Sum values ``(t, q)`` times test functions ``(t, q, k)`` of ``cells (t,)`` by cell."""
     load = np.zeros((basis.mesh.n_cells, basis.n_local))
-    np.add.at(load, basis.mesh.face_cells[faces, 0], np.einsum("tq,tqk->tk", values, tests))
+    np.add.at(load, cells, np.einsum("tq,tqk->tk", values, tests))
     return load

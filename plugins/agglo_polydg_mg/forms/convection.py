@@ -14,7 +14,7 @@ import numpy as np
 from agglo_core.authoring import Diffusion, Float, Int, Mesh, OptionError, frozen_float, frozen_int
 from agglo_core.fields.coefficients import velocity
 from agglo_core.fields.rules import inside
-from agglo_polydg_mg.forms.boundary import Boundary, rule_of
+from agglo_polydg_mg.forms.boundary import Boundary, rule_of, sum_per_cell
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule
 from agglo_polydg_mg.space.basis import Basis
 
@@ -47,14 +47,8 @@ def inflow_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Callabl
     rule = rule_of(basis, boundary.dirichlet)
     owner = mesh.face_cells[rule.faces, 0]
     weights = rule.weights * np.maximum(-normal_speed(mesh, b, rule), 0.0)
-    tests = _traces(basis, rule, owner)
-
-    def load(g: Float) -> Float:
-        found = np.zeros((mesh.n_cells, basis.n_local))
-        np.add.at(found, owner, np.einsum("tq,tqk->tk", weights * g, tests))
-        return found
-
-    return load
+    tests = basis.values(owner, rule.points)
+    return lambda g: sum_per_cell(basis, owner, weights * g, tests)
 
 
 def mean_speed(mesh: Mesh, convection: Any) -> Float | float:
@@ -107,7 +101,7 @@ def _add_faces(basis: Basis, b: Any, boundary: Boundary, blocks: Float) -> None:
         rule = face_rule(mesh, frozen_int(chosen[first : first + batch]), basis.degree + 2)
         speed, cells = normal_speed(mesh, b, rule), mesh.face_cells[rule.faces]
         beyond = cells[:, 1] >= 0
-        traces = [_traces(basis, rule, cells[:, 0]), _traces(basis, rule, np.where(beyond, cells[:, 1], 0))]
+        traces = [basis.values(side, rule.points) for side in (cells[:, 0], np.maximum(cells[:, 1], 0))]
         # Side k is inside, 1 − k beyond its inflow boundary
         for k, strength in ((0, np.maximum(-speed, 0.0)), (1, np.maximum(speed, 0.0))):
             weights = rule.weights * strength
@@ -141,9 +135,3 @@ def normal_speed(mesh: Mesh, b: Any, rule: FaceRule) -> Float:
     mean = 0.5 * (b[owner] + b[np.where(other < 0, owner, other)])
     speed = (mean * rule.normals).sum(axis=1)
     return np.repeat(speed[:, None], rule.points.shape[1], axis=1)
-
-
-def _traces(basis: Basis, rule: FaceRule, cells: Any) -> Float:
-    count, n, dim = rule.points.shape
-    values = basis.values(np.repeat(cells, n), rule.points.reshape(-1, dim))
-    return values.reshape(count, n, basis.n_local)

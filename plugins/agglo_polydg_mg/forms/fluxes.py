@@ -195,10 +195,7 @@ def _traces(state: State, cells: Int, points: Float, directions: Float) -> tuple
 
     ``directions`` are ``(t, 1, d)`` or ``(t, q, d)``.
     """
-    count, n, dim = points.shape
-    rows, flat = np.repeat(cells, n), points.reshape(-1, dim)
-    tests = state.basis.values(rows, flat)
-    values = np.einsum("qk,qk->q", tests, state.coefficients[rows])
-    slopes = np.einsum("qk,qdk->qd", tests, state.slopes[rows])
-    along = (slopes.reshape(count, n, dim) * directions).sum(axis=2)
-    return values.reshape(count, n), along
+    tests = state.basis.values(cells, points)
+    slopes = np.einsum("tqk,tdk->tqd", tests, state.slopes[cells])
+    values = np.einsum("tqk,tk->tq", tests, state.coefficients[cells])
+    return values, (slopes * directions).sum(axis=2)

@@ -68,13 +68,12 @@ def jump_operator(basis: Basis, kappa: Field | Tensor, sigma: Float) -> JumpOper
             kappas = on_pieces(face_coefficients(mesh, kappa, some, n), some, rule)
             harmonic = 2 * kappas[:, 0] * (kappas[:, 1] / kappas.sum(axis=1))
             weights.append((rule.weights * sigma[rule.faces, None] * harmonic).ravel())
-            flat = rule.points.reshape(-1, mesh.dim)
-            owners = [np.repeat(mesh.face_cells[rule.faces, k], count) for k in range(cells)]
-            signed = [(1 - 2 * k) * basis.values(own, flat) for k, own in enumerate(owners)]
-            entries.append(np.concatenate(signed, axis=1).ravel())
-            places = [own[:, None] * basis.n_local + np.arange(basis.n_local) for own in owners]
-            columns.append(np.concatenate(places, axis=1).ravel())
-            counts.append(np.full(len(flat), cells * basis.n_local))
+            owners = mesh.face_cells[rule.faces, :cells]
+            signed = [(1 - 2 * k) * basis.values(owners[:, k], rule.points) for k in range(cells)]
+            entries.append(np.concatenate(signed, axis=2).ravel())
+            places = (owners[:, :, None] * basis.n_local + np.arange(basis.n_local)).reshape(len(owners), -1)
+            columns.append(np.repeat(places, count, axis=0).ravel())
+            counts.append(np.full(rule.weights.size, cells * basis.n_local))
             if cells == 1:
                 faces = np.concatenate((faces, rule.faces))
                 points = np.concatenate((points.reshape(-1, count, mesh.dim), rule.points))

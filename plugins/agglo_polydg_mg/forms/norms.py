@@ -147,9 +147,7 @@ def jumps(basis: Basis, x: Float, outside: Outside, kappa: Field | Tensor, sigma
 
 def _traces(basis: Basis, x: Float, cells: Int, points: Float) -> Float:
     """Evaluate the function with coefficients ``x`` in ``cells (f,)`` at ``points (f, q, d)``: ``(f, q)``."""
-    values = basis.values(np.repeat(cells, points.shape[1]), points.reshape(-1, points.shape[2]))
-    rows = np.repeat(basis.coefficients(x)[cells], points.shape[1], axis=0)
-    return np.asarray(np.einsum("qk,qk->q", values, rows).reshape(points.shape[:2]))
+    return np.asarray(np.einsum("tqk,tk->tq", basis.values(cells, points), basis.coefficients(x)[cells]))
 
 
 # Step / half box side of differences

@@ -146,19 +146,22 @@ class Basis:
         return np.asarray(self._integrals[:, :count] * values[:, None])
 
     def values(self, cells: Int, points: Float) -> Float:
-        """Evaluate the basis functions ``(q, n_local)`` of ``cells (q,)`` at ``points (q, d)``.
+        """Evaluate the basis functions ``(..., n_local)`` of cells at points relative to the mesh origin.
 
-        Points are relative to the mesh origin.
+        ``cells (t,)`` have a point each, ``points (t, d)``, or several each, ``points (t, q, d)``.
         """
-        return np.asarray((self.on_reference(self._inside(cells, points)) * self.scale[cells]).T)
+        cells, flat = _cell_per_point(cells, points)
+        values = (self.on_reference(self._inside(cells, flat)) * self.scale[cells]).T
+        return np.asarray(values.reshape(*points.shape[:-1], self.n_local))
 
     def on_reference(self, points: Float) -> Float:
         """Evaluate the orthonormal polynomials ``(n_local, q)`` at points ``(d, q)`` of the box [−1, 1]ᵈ."""
         return self._products([legendre(x, self.degree) for x in points])
 
     def gradients(self, cells: Int, points: Float) -> Float:
-        """Evaluate the gradients ``(q, d, n_local)`` of the basis functions of ``cells (q,)`` at points."""
-        lines = [legendre(x, self.degree) for x in self._inside(cells, points)]
+        """Evaluate the gradients ``(..., d, n_local)`` of the basis functions, as :meth:`values`."""
+        cells, flat = _cell_per_point(cells, points)
+        lines = [legendre(x, self.degree) for x in self._inside(cells, flat)]
         steep = [
             self._products([slopes(line) if at == axis else line for at, line in enumerate(lines)])
             for axis in range(len(lines))
@@ -167,7 +170,7 @@ class Basis:
         if self.mesh.dim == 2:
             (c, s), (slope_u, slope_v) = self.boxes[cells, 4:].T, values
             values = np.stack((c * slope_u - s * slope_v, s * slope_u + c * slope_v))
-        return np.asarray(np.transpose(values, (2, 0, 1)))
+        return np.asarray(np.transpose(values, (2, 0, 1)).reshape(*points.shape, self.n_local))
 
     def _products(self, lines: list[Float]) -> Float:
         """Multiply polynomials ``(degree + 1, q)`` along the axes to basis functions ``(n_local, q)``."""
@@ -265,6 +268,12 @@ class Basis:
     def mass(self) -> sparse.bsr_array:
         """Return the block-diagonal mass matrix."""
         return block_diagonal(self.mass_blocks)
+
+
+def _cell_per_point(cells: Int, points: Float) -> tuple[Int, Float]:
+    """Return the cell of each point ``(q,)``, and the points ``(q, d)``."""
+    each = points.shape[1] if points.ndim == 3 else 1
+    return np.repeat(cells, each), points.reshape(-1, points.shape[-1])
 
 
 def stiffness(basis: Basis, kappa: Field | Tensor) -> Float:

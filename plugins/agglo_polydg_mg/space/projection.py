@@ -49,6 +49,5 @@ def _changes(source: Basis, old: Int, target: Basis, new: Int) -> Float:
     weights = np.prod(list(product(weights, repeat=dim)), axis=1)
     tests = target.on_reference(reference.T) * weights
     points = target.from_boxes(new, reference) + (target.mesh.origin - source.mesh.origin)
-    values = source.values(np.repeat(old, len(weights)), points.reshape(-1, dim))
-    values = values.reshape(len(old), len(weights), target.n_local) / target.scale[new, None, None]
+    values = source.values(old, points) / target.scale[new, None, None]
     return np.asarray(np.einsum("iq,pqj->pij", tests, values, optimize=True))
