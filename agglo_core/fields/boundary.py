@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -27,11 +27,15 @@ class BoundaryParts(NamedTuple):
         Face tags.
     dirichlet, natural : (k,) int
         Faces with Dirichlet data, and other (Neumann or Robin) faces.
+    floating : (k,) int
+        Components where the data determine the solution only up to a constant, by their first cells, if the
+        discretisation lists them.
     """
 
     tags: Int
     dirichlet: Int
     natural: Int
+    floating: Int = frozen_int([])
 
 
 def boundary_parts(mesh: Mesh, problem: Diffusion) -> BoundaryParts:
@@ -44,11 +48,6 @@ def boundary_parts(mesh: Mesh, problem: Diffusion) -> BoundaryParts:
     OptionError
         For an unknown face tag, or a value in two kinds of data or on no face.
     """
-    # 1. Check the tags
-    tags = _tags(mesh, problem.boundary)
-    outer, kinds = mesh.face_cells[:, 1] < 0, mesh.boundary_kinds
-    on_boundary = kinds.tags.get(problem.boundary, np.zeros_like(kinds.component))
-    present = np.unique(on_boundary).tolist()
     kinds_of_data = {"Dirichlet": problem.dirichlet, "Neumann": problem.neumann, "Robin": problem.robin}
     for one, other in combinations(kinds_of_data, 2):
         conflicts = sorted(set(kinds_of_data[one]) & set(kinds_of_data[other]))
@@ -56,14 +55,26 @@ def boundary_parts(mesh: Mesh, problem: Diffusion) -> BoundaryParts:
             raise OptionError(
                 f"boundary tags {conflicts} have both {one} and {other} data: give only one of them"
             )
-    unknown = sorted({*problem.dirichlet, *problem.neumann, *problem.robin} - set(present))
+    return split_boundary(mesh, problem.boundary, problem.dirichlet, {*problem.neumann, *problem.robin})
+
+
+def split_boundary(mesh: Mesh, name: str, fixed: Collection[int], free: Collection[int]) -> BoundaryParts:
+    """Split the boundary by the values of the face tag ``name`` with fixed data, and with other data.
+
+    Without any data all boundary faces are fixed, otherwise faces without data are free.
+
+    Raises
+    ------
+    OptionError
+        For an unknown face tag, or a value on no face.
+    """
+    tags, outer, kinds = _tags(mesh, name), mesh.face_cells[:, 1] < 0, mesh.boundary_kinds
+    present = np.unique(kinds.tags.get(name, np.zeros_like(kinds.component))).tolist()
+    unknown = sorted({*fixed, *free} - set(present))
     if unknown:
         raise OptionError(f"no boundary face has the tag {unknown[0]}; the boundary has the tags {present}")
-    # 2. Split the boundary faces
-    data = problem.dirichlet or problem.neumann or problem.robin
-    dirichlet = outer & np.isin(tags, list(problem.dirichlet)) if data else outer
-    natural = outer & ~dirichlet
-    sets = frozen_int(np.flatnonzero(dirichlet)), frozen_int(np.flatnonzero(natural))
+    dirichlet = outer & np.isin(tags, list(fixed)) if fixed or free else outer
+    sets = frozen_int(np.flatnonzero(dirichlet)), frozen_int(np.flatnonzero(outer & ~dirichlet))
     return BoundaryParts(tags, *sets)
 
 

@@ -10,19 +10,17 @@ from agglo_core.authoring import (
     Elasticity,
     Field,
     Float,
-    Int,
     Mesh,
     OptionError,
     VectorField,
     frozen_float,
     frozen_int,
 )
-from agglo_core.fields.boundary import boundary_values
+from agglo_core.fields.boundary import BoundaryParts, boundary_values, split_boundary
 from agglo_core.fields.values import sample
 from agglo_polydg_mg.elasticity.forms import add_rows, tractions
 from agglo_polydg_mg.elasticity.material import Material, along
 from agglo_polydg_mg.elasticity.vectors import components
-from agglo_polydg_mg.forms.boundary import Boundary
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule
 from agglo_polydg_mg.space.basis import Basis
 
@@ -30,8 +28,8 @@ _ROUNDING = 1e-6
 """Difference between exact solution and displacements, relative to their size, that counts as rounding."""
 
 
-def elastic_boundary(mesh: Mesh, problem: Elasticity) -> Boundary:
-    """Return the faces with displacements (``dirichlet``) and without (``natural``), and all face tags.
+def elastic_boundary(mesh: Mesh, problem: Elasticity) -> BoundaryParts:
+    """Return the faces with displacements, as Dirichlet faces, and others, as natural faces.
 
     Without any data the displacement is 0 on the whole boundary.
 
@@ -41,46 +39,34 @@ def elastic_boundary(mesh: Mesh, problem: Elasticity) -> Boundary:
         For an unknown face tag, a value in both kinds of data or on no face, or a component without
         displacements and reaction.
     """
-    # 1. Check the tags
-    if problem.boundary not in mesh.face_tags and problem.boundary != Elasticity.boundary:
-        known = ", ".join(mesh.face_tags) or "none"
-        raise OptionError(f"the mesh has no face tag {problem.boundary!r} for the boundary; it has: {known}")
-    kinds = mesh.boundary_kinds
-    on_boundary = kinds.tags.get(problem.boundary, np.zeros_like(kinds.component))
-    present = np.unique(on_boundary).tolist()
+    # 1. Split the boundary faces
     conflicts = sorted(set(problem.displacement) & set(problem.traction))
     if conflicts:
         raise OptionError(
             f"boundary tag {conflicts[0]} has both a displacement and a traction: give only one"
         )
-    unknown = sorted({*problem.displacement, *problem.traction} - set(present))
-    if unknown:
-        raise OptionError(f"no boundary face has the tag {unknown[0]}; the boundary has the tags {present}")
+    parts = split_boundary(mesh, problem.boundary, problem.displacement, problem.traction)
+    if not (problem.displacement or problem.traction):
+        return parts
     # 2. Refuse rigid motions
-    data, held = problem.displacement or problem.traction, list(problem.displacement)
-    free: Int = frozen_int([])
-    if data:
-        free = np.setdiff1d(kinds.component, kinds.component[np.isin(on_boundary, held)])
+    kinds, held = mesh.boundary_kinds, list(problem.displacement)
+    on_boundary = kinds.tags.get(problem.boundary, np.zeros_like(kinds.component))
+    free = np.setdiff1d(kinds.component, kinds.component[np.isin(on_boundary, held)])
     if len(free):
         component, reaction = mesh.graph.components(), problem.reactions(mesh.n_cells)
         free = free[~np.isin(component[free], component[reaction > 0.0])]
     if len(free):
+        present = np.unique(on_boundary).tolist()
         raise OptionError(
             f"the component of cell {free[0]} has no boundary face with a displacement, so it can move "
             f"rigidly; give a displacement for one of its boundary tags {present} (tags given: displacement "
             f"{held or 'none'}, traction {list(problem.traction) or 'none'})"
         )
-    # 3. Split the boundary faces
-    tags = mesh.face_tags.get(problem.boundary, frozen_int(np.zeros(mesh.n_faces)))
-    outer = mesh.face_cells[:, 1] < 0
-    dirichlet = outer & np.isin(tags, held) if data else outer
-    faces = (frozen_int(np.flatnonzero(mask)) for mask in (dirichlet, outer & ~dirichlet))
-    fixed, natural = faces
-    return Boundary(tags, fixed, natural, floating=frozen_int([]))
+    return parts
 
 
 def vector_data(
-    mesh: Mesh, boundary: Boundary, data: Mapping[int, VectorField], rule: FaceRule, name: str
+    mesh: Mesh, boundary: BoundaryParts, data: Mapping[int, VectorField], rule: FaceRule, name: str
 ) -> Float:
     """Evaluate boundary data ``(t, q, d)`` at the points of a face rule, 0 without data."""
     by_tag = {tag: components(field, mesh, f"{name} of tag {tag}") for tag, field in data.items()}
@@ -119,7 +105,7 @@ def require_consistent(basis: Basis, problem: Elasticity) -> None:
             )
 
 
-def external_load(basis: Basis, problem: Elasticity, boundary: Boundary) -> Float:
+def external_load(basis: Basis, problem: Elasticity, boundary: BoundaryParts) -> Float:
     """Return the load ``(n_cells, d, m)`` of body force and tractions."""
     mesh = basis.mesh
     load = np.zeros((mesh.n_cells, mesh.dim, basis.n_local))
@@ -134,7 +120,7 @@ def external_load(basis: Basis, problem: Elasticity, boundary: Boundary) -> Floa
 
 
 def displacement_load(
-    basis: Basis, material: Material, boundary: Boundary, data: Mapping[int, VectorField], sigma: Float
+    basis: Basis, material: Material, boundary: BoundaryParts, data: Mapping[int, VectorField], sigma: Float
 ) -> Float:
     """Return the load ``(n_cells, d, m)`` of displacements g: ∫ σ_F g·Γv − g·σ(v)n."""
     mesh = basis.mesh

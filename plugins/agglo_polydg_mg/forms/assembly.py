@@ -23,12 +23,12 @@ from agglo_core.authoring import (
     frozen_float,
     frozen_int,
 )
+from agglo_core.fields.boundary import BoundaryParts
 from agglo_core.fields.coefficients import positive
 from agglo_core.fields.gauss_points import gauss
 from agglo_core.fields.tensors import Tensor
 from agglo_core.threads import COSTLY, over_ranges
 from agglo_polydg_mg.forms.boundary import (
-    Boundary,
     boundary_faces,
     data_offset,
     dirichlet_load,
@@ -153,7 +153,7 @@ def discretise_lifted(
 
 
 def _matrix_and_penalty(
-    basis: Basis, problem: Diffusion, boundary: Boundary, penalty: Penalty, kappa: Field | Tensor
+    basis: Basis, problem: Diffusion, boundary: BoundaryParts, penalty: Penalty, kappa: Field | Tensor
 ) -> tuple[Any, Float]:
     mesh = basis.mesh
     on_faces = on_both_sides(mesh, kappa, all_faces(mesh), basis.degree + 2)

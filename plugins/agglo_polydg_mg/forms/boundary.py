@@ -18,6 +18,7 @@ from agglo_core.authoring import (
     frozen_int,
 )
 from agglo_core.fields.boundary import (
+    BoundaryParts,
     boundary_parts,
     boundary_values,
     natural_values,
@@ -31,29 +32,8 @@ from agglo_polydg_mg.forms.face_quadrature import FaceRule, OnFaces, face_rule, 
 from agglo_polydg_mg.space.basis import Basis
 
 
-class Boundary(NamedTuple):
-    """Parts of the domain boundary.
-
-    Attributes
-    ----------
-    tags : (n_faces,) int
-        Face tags.
-    dirichlet, natural : (k,) int
-        Faces with Dirichlet data, and other (Neumann or Robin) faces.
-    floating : (k,) int
-        Components where the data determine the solution only up to a constant, by their first cells.
-    """
-
-    tags: Int
-    dirichlet: Int
-    natural: Int
-    floating: Int
-
-
-def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
-    """Return the boundary faces with and without Dirichlet data, and all face tags.
-
-    Without any data all boundary faces are Dirichlet faces, with value 0.
+def boundary_faces(mesh: Mesh, problem: Diffusion) -> BoundaryParts:
+    """Return the :func:`~agglo_core.fields.boundary.boundary_parts`, with the floating components.
 
     Raises
     ------
@@ -61,18 +41,17 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
         For an unknown face tag, or a value in two kinds of data or on no face; on a piece of a distributed
         mesh, for a floating component.
     """
-    # 1. Split the boundary faces
-    found = Boundary(*boundary_parts(mesh, problem), frozen_int([]))
+    parts = boundary_parts(mesh, problem)
     if not (problem.dirichlet or problem.neumann or problem.robin):
-        return found
-    # 2. Components without Dirichlet faces
+        return parts
+    # Components without Dirichlet faces
     kinds = mesh.boundary_kinds
     on_boundary = kinds.tags.get(problem.boundary, np.zeros_like(kinds.component))
     held = np.isin(on_boundary, list(problem.dirichlet))
     free = np.setdiff1d(kinds.component, kinds.component[held])
     if not len(free):
-        return found
-    free = free[~_are_held(mesh, frozen_int(free), problem, found)]
+        return parts
+    free = free[~_are_held(mesh, frozen_int(free), problem, parts)]
     if len(free) and not kinds.whole:
         raise OptionError(
             f"the component of cell {free[0]} has no boundary face with Dirichlet data, no reaction and no "
@@ -80,10 +59,10 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
             "distributed mesh, give a Dirichlet value for one of its boundary tags (if only other tags have "
             "data, its faces are insulated)"
         )
-    return found._replace(floating=frozen_int(free))
+    return parts._replace(floating=frozen_int(free))
 
 
-def _are_held(mesh: Mesh, components: Int, problem: Diffusion, boundary: Boundary) -> Mask:
+def _are_held(mesh: Mesh, components: Int, problem: Diffusion, boundary: BoundaryParts) -> Mask:
     """Return True for components, given by their first cells, with reaction or a positive α somewhere.
 
     On a piece of a distributed mesh, whose components are those of the whole, only a number α counts, and a
@@ -104,7 +83,7 @@ def _are_held(mesh: Mesh, components: Int, problem: Diffusion, boundary: Boundar
     return held | everywhere
 
 
-def dirichlet_values(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
+def dirichlet_values(basis: Basis, problem: Diffusion, boundary: BoundaryParts) -> Float:
     """Evaluate the Dirichlet data ``(t, q)`` at the quadrature points of :func:`rule_of` on their faces."""
     if not problem.dirichlet:
         return np.zeros((len(boundary.dirichlet), basis.degree + 2))
@@ -136,7 +115,7 @@ def rule_of(basis: Basis, faces: Int) -> FaceRule:
     return face_rule(basis.mesh, faces, basis.degree + 2)
 
 
-def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Float) -> Float:
+def data_offset(basis: Basis, problem: Diffusion, boundary: BoundaryParts, kappa: Float) -> Float:
     """Return a constant to subtract from Dirichlet data and solution in each cell ``(n_cells,)``.
 
     In each domain component with data it is the number nearest to 0 between their minimum and maximum: 0 if
@@ -164,7 +143,7 @@ def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Flo
 
 
 def dirichlet_load(
-    basis: Basis, boundary: Boundary, on_faces: OnFaces, sigma: Float
+    basis: Basis, boundary: BoundaryParts, on_faces: OnFaces, sigma: Float
 ) -> Callable[[Float], Float]:
     """Return the map from Dirichlet data g ``(t, q)`` to the right-hand side ``(n_cells, n_local)``.
 
@@ -184,7 +163,7 @@ def dirichlet_load(
     return lambda g: sum_per_cell(basis, cells, rule.weights * g, tests)
 
 
-def natural_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
+def natural_load(basis: Basis, problem: Diffusion, boundary: BoundaryParts) -> Float:
     """Return the right-hand side ``(n_cells, n_local)`` for Neumann and Robin data: ∫ g v."""
     rule = rule_of(basis, boundary.natural)
     g = natural_values(basis.mesh, boundary.tags, problem, rule.faces, rule.points)
@@ -192,7 +171,7 @@ def natural_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
     return sum_per_cell(basis, cells, rule.weights * g, basis.values(cells, rule.points))
 
 
-def natural_sizes(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
+def natural_sizes(basis: Basis, problem: Diffusion, boundary: BoundaryParts) -> Float:
     """Return the integral of |g| over the Neumann and Robin faces of each cell ``(n_cells,)``."""
     mesh, rule = basis.mesh, rule_of(basis, boundary.natural)
     sizes = np.abs(rule.weights * natural_values(mesh, boundary.tags, problem, rule.faces, rule.points)).sum(
@@ -240,7 +219,7 @@ class RobinTerms(NamedTuple):
         return float((self.weights * (values - self.targets) ** 2).sum())
 
 
-def robin_terms(basis: Basis, problem: Diffusion, boundary: Boundary) -> RobinTerms | None:
+def robin_terms(basis: Basis, problem: Diffusion, boundary: BoundaryParts) -> RobinTerms | None:
     """Return the terms of Robin data, or None without any."""
     if not problem.robin:
         return None

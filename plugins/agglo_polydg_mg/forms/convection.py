@@ -12,16 +12,17 @@ from typing import Any, Final
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Float, Int, Mesh, OptionError, frozen_float, frozen_int
+from agglo_core.fields.boundary import BoundaryParts
 from agglo_core.fields.coefficients import velocity
 from agglo_core.fields.rules import inside
-from agglo_polydg_mg.forms.boundary import Boundary, rule_of, sum_per_cell
+from agglo_polydg_mg.forms.boundary import rule_of, sum_per_cell
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule
 from agglo_polydg_mg.space.basis import Basis
 
 _NUMBERS: Final = 4_000_000  # numbers in an array of products at quadrature points
 
 
-def add_convection(basis: Basis, problem: Diffusion, boundary: Boundary, blocks: Float) -> None:
+def add_convection(basis: Basis, problem: Diffusion, boundary: BoundaryParts, blocks: Float) -> None:
     """Add the upwind form to the matrix ``blocks`` of :attr:`.Basis.pattern`."""
     b = velocity(basis.mesh, problem.convection)
     if b is None:
@@ -36,7 +37,7 @@ def add_convection(basis: Basis, problem: Diffusion, boundary: Boundary, blocks:
     _add_faces(basis, b, boundary, blocks)
 
 
-def inflow_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Callable[[Float], Float] | None:
+def inflow_load(basis: Basis, problem: Diffusion, boundary: BoundaryParts) -> Callable[[Float], Float] | None:
     """Return the map from Dirichlet data g ``(t, q)`` to −∫ (b·n) g v over the inflow ``(n_cells, n_local)``.
 
     None without convection.
@@ -91,7 +92,7 @@ def _add_cells(basis: Basis, b: Any, blocks: Float) -> None:
             first = last
 
 
-def _add_faces(basis: Basis, b: Any, boundary: Boundary, blocks: Float) -> None:
+def _add_faces(basis: Basis, b: Any, boundary: BoundaryParts, blocks: Float) -> None:
     """Add the jumps over inflow boundaries of cells, in batches of faces."""
     mesh, m = basis.mesh, basis.n_local
     inner = mesh.face_cells[:, 1] >= 0

@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, frozen_float, frozen_int
+from agglo_core.fields.boundary import BoundaryParts
 from agglo_core.fields.floating import Floating, magnitude
 from agglo_core.fields.tensors import Tensor
-from agglo_polydg_mg.forms.boundary import Boundary, natural_sizes
+from agglo_polydg_mg.forms.boundary import natural_sizes
 from agglo_polydg_mg.forms.coefficients import cell_means
 from agglo_polydg_mg.space.basis import Basis
 
 
-def floating_parts(basis: Basis, boundary: Boundary) -> Floating | None:
+def floating_parts(basis: Basis, boundary: BoundaryParts) -> Floating | None:
     """Return the components where the solution is determined only up to a constant, None without any."""
     if not len(boundary.floating):
         return None
@@ -36,7 +37,7 @@ def hold(basis: Basis, kappa: Field | Tensor, floating: Floating | None, blocks:
 
 
 def balanced(
-    basis: Basis, problem: Diffusion, boundary: Boundary, floating: Floating | None, loads: Float
+    basis: Basis, problem: Diffusion, boundary: BoundaryParts, floating: Floating | None, loads: Float
 ) -> Float:
     """Return the loads ``(n_cells, n_local)`` with zero sum on each floating component.
 

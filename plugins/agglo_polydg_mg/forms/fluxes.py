@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mesh, frozen_float, frozen_int
-from agglo_core.fields.boundary import boundary_values, natural_values, robin_alpha
+from agglo_core.fields.boundary import BoundaryParts, boundary_values, natural_values, robin_alpha
 from agglo_core.fields.coefficients import positive, velocity
 from agglo_core.fields.tensors import Tensor
 from agglo_polydg_mg.forms.assembly import jump_penalty
-from agglo_polydg_mg.forms.boundary import Boundary, boundary_faces
+from agglo_polydg_mg.forms.boundary import boundary_faces
 from agglo_polydg_mg.forms.convection import normal_speed
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule, on_both_sides, on_pieces
 from agglo_polydg_mg.forms.norms import offset_of
@@ -151,7 +151,7 @@ def _through_faces(state: State, mesh: Mesh, sigma: Float) -> Float:
     return result
 
 
-def traces_on_faces(state: State, mesh: Mesh, boundary: Boundary) -> Iterator[Traces]:
+def traces_on_faces(state: State, mesh: Mesh, boundary: BoundaryParts) -> Iterator[Traces]:
     """Yield the traces on all faces of a mesh, in batches of faces."""
     natural = np.zeros(mesh.n_faces, bool)
     natural[boundary.natural] = True
@@ -182,7 +182,7 @@ def traces_on_faces(state: State, mesh: Mesh, boundary: Boundary) -> Iterator[Tr
         yield Traces(rule, kappa, values, slopes, jump, *map(frozen_int, (inner, fixed, free)))
 
 
-def natural_fluxes(state: State, mesh: Mesh, boundary: Boundary, traces: Traces) -> Float:
+def natural_fluxes(state: State, mesh: Mesh, boundary: BoundaryParts, traces: Traces) -> Float:
     """Return α u − g ``(k, q)`` on the pieces with natural data."""
     part = traces.rule.part(traces.free)
     u = traces.values[traces.free] + state.offset[mesh.face_cells[part.faces, 0], None]

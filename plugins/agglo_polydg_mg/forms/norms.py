@@ -10,14 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mask, Mesh, OptionError, frozen_int
-from agglo_core.fields.boundary import boundary_values
+from agglo_core.fields.boundary import BoundaryParts, boundary_values
 from agglo_core.fields.coefficients import positive
 from agglo_core.fields.rules import Batch, inside
 from agglo_core.fields.tensors import Tensor
 from agglo_core.fields.values import central_differences, sample
 from agglo_polydg_mg.forms.assembly import jump_penalty
 from agglo_polydg_mg.forms.boundary import (
-    Boundary,
     RobinTerms,
     boundary_faces,
     data_offset,
@@ -85,7 +84,7 @@ class EnergyNorm:
         return self._data(self._operator.faces, self._operator.points)
 
     @cached_property
-    def _boundary(self) -> Boundary:
+    def _boundary(self) -> BoundaryParts:
         return boundary_faces(self.basis.mesh, self.problem)
 
     @cached_property
