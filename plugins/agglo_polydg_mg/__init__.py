@@ -24,7 +24,7 @@ def agglo_components() -> list[Component]:
         Component(
             kind="estimator",
             name="hierarchical",
-            target="agglo_polydg_mg.estimators.components:Hierarchical",
+            target="agglo_polydg_mg.hierarchical:Hierarchical",
             promises={"deterministic": True, "3d": True, "pickles": True},
             summary="Energy of the difference to a solution of the next higher degree.",
         ),

@@ -39,9 +39,8 @@ from agglo_polydg_mg.forms.residuals import squared_residuals
 from agglo_polydg_mg.forms.sides import with_straight_sides
 from agglo_polydg_mg.solver.choose import choose
 from agglo_polydg_mg.space.basis import Basis, stiffness
-from agglo_polydg_mg.space.derivatives import cell_integrals
 from agglo_polydg_mg.space.projection import transfer
-from agglo_polydg_mg.space.sampling import evaluate, gradient, quadrature, samples_of
+from agglo_polydg_mg.space.sampling import cell_integrals, evaluate, gradient, quadrature, samples_of
 
 
 class Kept(NamedTuple):

@@ -13,7 +13,7 @@ from random_diffusion import with_four_sides
 import agglo_core as agglo
 from agglo_core import Diffusion, Mesh, OptionError, Solution, samples
 from agglo_core.adaptivity.estimators import GradientJump, Residual
-from agglo_polydg_mg.estimators.components import Hierarchical
+from agglo_polydg_mg.hierarchical import Hierarchical
 from agglo_polydg_mg.polydg import PolyDG
 
 Array = NDArray[np.float64]

@@ -45,8 +45,7 @@ from agglo_polydg_mg.elasticity.vectors import (
 )
 from agglo_polydg_mg.forms.sides import with_straight_sides
 from agglo_polydg_mg.space.basis import Basis, block_diagonal
-from agglo_polydg_mg.space.derivatives import cell_integrals
-from agglo_polydg_mg.space.sampling import evaluate, gradient, samples_of
+from agglo_polydg_mg.space.sampling import cell_integrals, evaluate, gradient, samples_of
 
 
 class Assembled(NamedTuple):

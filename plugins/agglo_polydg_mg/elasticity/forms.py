@@ -15,14 +15,16 @@ from agglo_polydg_mg.elasticity.material import Material, along, face_weights
 from agglo_polydg_mg.elasticity.vectors import vector_blocks
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.derivatives import derivatives
+from agglo_polydg_mg.space.polynomials import derivatives
 
 _NUMBERS = 4_000_000  # per batch of faces: some tens of MB
 
 
 def cell_blocks(basis: Basis, material: Material, reaction: Float) -> Float:
     """Return ∫ σ(φ_l e_b) : ε(φ_k e_a) + c φ_l e_b · φ_k e_a per cell ``(n_cells, d m, d m)``."""
-    E, dim, m = derivatives(basis), basis.mesh.dim, basis.n_local
+    dim, m = basis.mesh.dim, basis.n_local
+    # ∂φ_k / ∂x_i = Σ_l E[i, l, k] φ_l in each cell
+    E: Float = np.einsum("cia,alk->cilk", basis.directions, derivatives(basis.degree, dim))
     weighted = basis.mass_blocks[:, None] @ E
     # ∫ ∂_i φ_k ∂_j φ_l with axes cell, i, k, j, l
     products = (

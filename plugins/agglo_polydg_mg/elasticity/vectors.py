@@ -14,7 +14,6 @@ import numpy as np
 
 from agglo_core.authoring import Field, Float, Mesh, OptionError, VectorField, frozen_float
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.derivatives import directions
 
 
 def components(field: VectorField, mesh: Mesh, name: str) -> list[Field]:
@@ -81,7 +80,7 @@ def coordinates(basis: Basis) -> Float:
     found = np.zeros((mesh.n_cells, dim, basis.n_local))
     constant = 2.0 ** (0.5 * dim) / basis.scale
     found[:, :, 0] = (basis.centres - 0.5 * (low + high)) * constant[:, None]
-    slope = np.linalg.inv(directions(basis)).transpose(0, 2, 1)  # ∂x_i / ∂x̂_a
+    slope = np.linalg.inv(basis.directions).transpose(0, 2, 1)  # ∂x_i / ∂x̂_a
     found[:, :, 1 : dim + 1] = slope * (constant / np.sqrt(3.0))[:, None, None]
     return np.asarray(found / (0.5 * (high - low).max()))
 

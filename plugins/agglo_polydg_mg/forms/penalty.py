@@ -14,7 +14,6 @@ import numpy as np
 
 from agglo_core.authoring import Float, Int, Mask, Mesh, MeshError, OptionError, frozen_float, solvers
 from agglo_core.threads import COSTLY, over_ranges
-from agglo_polydg_mg.space.solid_geometry import require_convex, solid_heights
 
 PAPER = 10.0
 """The paper's constant C, without unit; a larger one gives larger jump penalties (benchmarks/penalty.py)."""
@@ -69,8 +68,13 @@ def simplex_heights(mesh: Mesh, cells: Mask) -> Float:
     """
     if mesh.dim == 2:
         return triangle_heights(mesh)
-    heights, convex = solid_heights(mesh)
-    require_convex(convex | ~cells, "a penalty constant C (or a cell too thin for the sharp penalty)")
+    heights, convex = _solid_heights(mesh)
+    dented = np.flatnonzero(cells & ~convex)[:5].tolist()
+    if dented:
+        raise MeshError(
+            "a penalty constant C (or a cell too thin for the sharp penalty) in 3-D requires convex cells, "
+            f"but cells {dented} are not convex"
+        )
     return heights
 
 
@@ -90,6 +94,27 @@ def triangle_heights(mesh: Mesh) -> Float:
 
     over_ranges(write, mesh.n_cells, few=COSTLY)
     return heights
+
+
+def _solid_heights(mesh: Mesh) -> tuple[Float, np.ndarray]:
+    """Return the heights ``(n_faces, 2)`` of both cells over each face, and a mask of convex cells.
+
+    It is the distance of the farthest vertex. In a convex cell this is the height of the largest
+    tetrahedron, or pyramid, on the face inside the cell. It is infinite outside the domain and for faces
+    with area 0. The mask has shape ``(n_cells,)``.
+    """
+    from agglo_polydg_mg.space.solid_kernels import farthest_vertices
+
+    heights = np.full((mesh.n_faces, 2), np.inf)
+    (offsets, faces), (starts, vertices) = mesh.cell_faces, mesh.cell_vertices
+    middle = frozen_float(mesh.face_centroids - mesh.origin)
+    of_faces = mesh.face_cells, mesh.face_normals, middle
+
+    def write(start: int, stop: int) -> np.ndarray:
+        own = offsets[start : stop + 1], faces, starts[start : stop + 1], vertices
+        return np.asarray(farthest_vertices(mesh.local_points, *own, *of_faces, start, heights))
+
+    return heights, np.concatenate(over_ranges(write, mesh.n_cells, few=COSTLY))
 
 
 def require_penalty(value: Any) -> None:

@@ -105,6 +105,16 @@ class Basis:
         """Fraction of its bounding box that each cell fills ``(n_cells,)``."""
         return frozen_float(self.mesh.cell_measures / (2.0**self.mesh.dim * self.halves.prod(axis=1)))
 
+    @property
+    def directions(self) -> Float:
+        """Matrices R ``(n_cells, d, d)`` with ∂/∂x_i = Σ_a R[i, a] ∂/∂x̂_a in box coordinates."""
+        scaled = 1.0 / self.halves
+        if self.mesh.dim == 3:
+            return np.asarray(scaled[:, :, None] * np.eye(3))
+        c, s = self.boxes[:, 4:].T
+        rotations = np.stack((np.stack((c, -s), axis=1), np.stack((s, c), axis=1)), axis=1)
+        return np.asarray(rotations * scaled[:, None, :])
+
     @cached_property
     def across(self) -> Int:
         """Cells sorted from left to right ``(n_cells,)``, so that a slice is a strip of the mesh."""
@@ -220,14 +230,8 @@ class Basis:
 
     def gradient_coefficients(self, x: Float) -> Float:
         """Return the coefficients ``(n_cells, ..., d, n_local)`` of the gradient, arguments as above."""
-        u, dim = self.coefficients(x), self.mesh.dim
-        along: Float = np.einsum("aij,c...j->c...ai", derivatives(self.degree, dim), u)
-        along /= self.halves.reshape(-1, *(1,) * (u.ndim - 2), dim, 1)
-        if dim == 3:
-            return along
-        c, s = self.boxes[:, 4:].T.reshape(2, -1, *(1,) * (u.ndim - 1))
-        along_u, along_v = along[..., 0, :], along[..., 1, :]
-        return np.stack((c * along_u - s * along_v, s * along_u + c * along_v), axis=-2)
+        along = np.einsum("aij,c...j->c...ai", derivatives(self.degree, self.mesh.dim), self.coefficients(x))
+        return np.asarray(np.einsum("cia,c...ak->c...ik", self.directions, along))
 
     def coefficients(self, x: Float) -> Float:
         """Return the vector ``x (n,)`` as ``(n_cells, n_local)``, or raise OptionError for a wrong length.

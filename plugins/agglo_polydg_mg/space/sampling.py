@@ -16,7 +16,6 @@ from agglo_core.fields.location import locate
 from agglo_core.fields.rules import inside
 from agglo_core.fields.sampling import sample_points
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.derivatives import mean_gradients
 
 
 def samples_of(basis: Basis, x: Float) -> Samples:
@@ -77,10 +76,18 @@ def gradient(basis: Basis, x: Float, points: ArrayLike | None) -> Float:
         For points with another shape.
     """
     if points is None:
-        return mean_gradients(basis, x)
+        integrals = cell_integrals(basis, basis.gradient_coefficients(x))
+        return frozen_float(integrals / basis.mesh.cell_measures.reshape(-1, *(1,) * (integrals.ndim - 1)))
     points = np.asarray(points, dtype=float)
     cells = locate(basis.mesh, points)
     found = cells >= 0
     slopes = np.full((len(points), *basis.coefficients(x).shape[1:-1], basis.mesh.dim), np.nan)
     slopes[found] = basis.gradient(x, cells[found], points[found])
     return slopes
+
+
+def cell_integrals(basis: Basis, x: Float) -> Float:
+    """Integrate functions over each cell, with ``x`` as of :meth:`.Basis.evaluate`."""
+    one = basis.constants(np.ones(basis.mesh.n_cells)).reshape(-1, basis.n_local)[:, 0]
+    moments = one[:, None] * basis.mass_blocks[:, 0]
+    return frozen_float(np.einsum("ck,c...k->c...", moments, basis.coefficients(x)))

@@ -7,7 +7,7 @@ from conformance.mutants.mutant import Mutant
 
 from agglo_core import OptionError
 from agglo_core.adaptivity.estimators import GradientJump, Residual
-from agglo_polydg_mg.estimators.components import Hierarchical
+from agglo_polydg_mg.hierarchical import Hierarchical
 
 
 class RefusesAll(Residual):

@@ -1,1 +1,0 @@
-"""Error estimators for solutions of PolyDG."""
