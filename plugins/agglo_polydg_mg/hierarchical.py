@@ -48,8 +48,8 @@ class Hierarchical:
         how, mesh, problem = solution.discretisation, solution.mesh, solution.problem
         if not (isinstance(how, PolyDG) and mesh is not None and isinstance(problem, Diffusion)):
             raise OptionError(
-                "Hierarchical estimates the error of diffusion problems solved by PolyDG; given a solution of "
-                f"{type(problem).__name__} by {type(how).__name__}"
+                "Hierarchical estimates the error of diffusion problems solved by PolyDG; given a solution "
+                f"of {type(problem).__name__} by {type(how).__name__}"
             )
         if how.degree == 6:
             raise OptionError("the hierarchical estimator needs degree + 1, and 6 is the largest degree")
