@@ -10,8 +10,9 @@ from scipy.sparse.linalg import cg
 
 from agglo_core.multigrid import injection
 from agglo_core.multigrid.krylov.look_ahead import conjugate_gradients
+from agglo_core.problems import MultigridLevel
 from agglo_core.solvers.residual_measure import ResidualMeasure
-from agglo_polydg_mg.paper.schwarz import block_jacobi, pcg_steps, schwarz
+from agglo_polydg_mg.paper.schwarz import Schwarz, pcg_steps
 from agglo_polydg_mg.paper.stationary import stationary
 
 WIDTH = 2
@@ -59,7 +60,8 @@ def test_one_schwarz_step_is_steepest_descent_with_blocks_and_coarse_space() -> 
     blocks = block_diag(*(np.linalg.inv(dense[i : i + 2, i : i + 2]) for i in range(0, 16, 2)))
     B = blocks + prolong @ np.linalg.inv(COARSE.toarray()) @ prolong.T
     correct = prolong @ np.linalg.inv(COARSE.toarray()) @ prolong.T
-    smooth = schwarz(A, block_jacobi(A, WIDTH), lambda r: correct @ r, 1)
+    parts = np.arange(0, 17, 2), np.arange(8), P
+    smooth = Schwarz().setup(MultigridLevel(A, A, *parts, coarse=lambda r: correct @ r, steps=1))
     z = B @ b
     assert smooth(b, np.zeros(16)) == pytest.approx(z * (b @ z) / (z @ dense @ z))
 

@@ -14,7 +14,8 @@ from scipy.sparse.linalg import spsolve
 
 from agglo_core import AggloError, Hierarchy, Mesh, MeshError, OptionError, agglomerate, samples
 from agglo_core.arrays import trusted_copy
-from agglo_core.problems import Diffusion, Linear
+from agglo_core.multigrid import block_inverses
+from agglo_core.problems import Diffusion, Linear, MultigridLevel
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.paper.schwarz import Smooth, Solve
 from agglo_polydg_mg.plain_cg import PlainCG
@@ -54,13 +55,14 @@ def test_every_switch_solves_the_same_system(solver: PaperMultigrid, voronoi: Hi
 def test_custom_smoother_and_coarse_solver(voronoi: Hierarchy) -> None:
     """Richardson steps on the Schwarz preconditioner, a solve by the inverse."""
 
-    def richardson(A: Array, local: Solve, coarse: Solve | None, steps: int) -> Smooth:
+    def richardson(level: MultigridLevel) -> Smooth:
+        local, coarse = block_inverses(level.inherited, level.block_offsets), level.coarse
         assert coarse is not None
 
         def smooth(b: Array, x: Array) -> Array:
-            for _ in range(steps):
-                r = b - A @ x
-                x = x + 0.2 * (local(r) + coarse(r))
+            for _ in range(level.steps):
+                r = b - level.A @ x
+                x = x + 0.2 * (local @ r + coarse(r))
             return x
 
         return smooth

@@ -10,6 +10,7 @@ from agglo_core.authoring import (
     Hierarchy,
     Linear,
     Listener,
+    MultigridLevel,
     OptionError,
     Problem,
     Registry,
@@ -20,7 +21,7 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty
 from agglo_polydg_mg.paper.composed_multigrid import ComposedMultigrid
-from agglo_polydg_mg.paper.schwarz import SmootherMaker, Solve, smoother_of
+from agglo_polydg_mg.paper.schwarz import Smooth, Solve, smoother_of
 
 
 class PaperMultigrid(ComposedMultigrid):
@@ -54,8 +55,7 @@ class PaperMultigrid(ComposedMultigrid):
     smoother : str, object with ``setup``, or callable
         Name of a component of kind ``smoother``, for example ``"schwarz"`` (conjugate gradients
         preconditioned by additive Schwarz as in the paper) or ``"block_jacobi"``; a
-        :class:`~agglo_core.protocols.Smoother`; or a function with the arguments of
-        :func:`~agglo_polydg_mg.paper.schwarz.schwarz` that returns a smoother.
+        :class:`~agglo_core.protocols.Smoother`; or a function that replaces its ``setup``.
     schwarz_coarse : bool
         Pass the correction by the next level to smoothers that use it. The coarse matrix of this
         correction is inherited for any ``operators``, as in the paper's experiments.
@@ -81,7 +81,7 @@ class PaperMultigrid(ComposedMultigrid):
         penalty: Penalty = PAPER,
         scaled_basis: bool = False,
         operators: Literal["rediscretised", "inherited"] = "rediscretised",
-        smoother: str | Smoother | SmootherMaker = "schwarz",
+        smoother: str | Smoother | Callable[[MultigridLevel], Smooth] = "schwarz",
         schwarz_coarse: bool = True,
         coarse_solver: str | multigrid.CoarseSolver | Callable[[Any], Solve] = "lu",
         *,
