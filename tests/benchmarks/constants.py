@@ -87,7 +87,7 @@ CONSTANTS: Mapping[str, tuple[str, ...]] = {
     ),
     "errors": (
         "plugins/agglo_polydg_mg/forms/norms.py:_FACES",
-        "plugins/agglo_polydg_mg/forms/norms.py:_STEP",
+        "agglo_core/fields/errors.py:_STEP",
         "agglo_core/fields/rules.py:_POINTS",
         "agglo_core/fields/location.py:_TRIANGLES",
         "agglo_core/fields/location.py:_INSIDE",

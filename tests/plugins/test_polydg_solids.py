@@ -177,11 +177,6 @@ def sine(x: Array) -> Array:
     return np.asarray(first * second * third)
 
 
-def sine_gradient(x: Array) -> Array:
-    (a, b, c), (da, db, dc) = np.sin(np.pi * x).T, np.pi * np.cos(np.pi * x).T
-    return np.stack((da * b * c, a * db * c, a * b * dc), axis=1)
-
-
 SINE = Diffusion(source=lambda x: 3 * np.pi**2 * sine(x), exact=sine)
 
 
@@ -215,19 +210,10 @@ def test_errors_fall_with_the_size_of_the_cells(name: str, degree: int) -> None:
         mesh = build(n)
         system = how.assemble(SINE, mesh)
         x = spsolve(system.A.tocsc(), system.b)
-        found.append(errors(how.basis(mesh), x, SINE, penalty="sharp", gradient=sine_gradient))
+        found.append(errors(how.basis(mesh), x, SINE, penalty="sharp"))
     finer = np.log(sizes[degree - 1][1] / sizes[degree - 1][0])
     assert np.log(found[0].l2 / found[1].l2) / finer > degree + 1 - 0.3
     assert np.log(found[0].dg / found[1].dg) / finer > degree - 0.2
-
-
-def test_errors_without_a_gradient_take_differences() -> None:
-    mesh = samples.voronoi3d(8, seed=0)
-    basis = Basis(mesh, 1)
-    x = np.random.default_rng(0).standard_normal(4 * mesh.n_cells)
-    np.testing.assert_allclose(
-        errors(basis, x, SINE), errors(basis, x, SINE, gradient=sine_gradient), rtol=1e-9
-    )
 
 
 def flat(mesh: Mesh, height: float) -> Mesh:

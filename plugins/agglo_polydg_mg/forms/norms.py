@@ -12,9 +12,10 @@ import numpy as np
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mask, Mesh, OptionError, frozen_int
 from agglo_core.fields.boundary import BoundaryParts, boundary_values
 from agglo_core.fields.coefficients import positive
-from agglo_core.fields.rules import Batch, inside
+from agglo_core.fields.errors import error_norms
+from agglo_core.fields.polynomials import Polynomials
 from agglo_core.fields.tensors import Tensor
-from agglo_core.fields.values import central_differences, sample
+from agglo_core.fields.values import sample
 from agglo_polydg_mg.forms.assembly import jump_penalty
 from agglo_polydg_mg.forms.boundary import (
     RobinTerms,
@@ -149,10 +150,6 @@ def _traces(basis: Basis, x: Float, cells: Int, points: Float) -> Float:
     return np.asarray(np.einsum("tqk,tk->tq", basis.values(cells, points), basis.coefficients(x)[cells]))
 
 
-# Step / half box side of differences
-_STEP = 1e-4
-
-
 class Errors(NamedTuple):
     """Norms of the error u − u_h.
 
@@ -170,11 +167,12 @@ def errors(
     x: Float,
     problem: Diffusion,
     *,
-    gradient: Callable[[Float], Float] | None = None,
     penalty: Penalty = PAPER,
     chosen: Mask | None = None,
 ) -> Errors:
     """Compute the L2, H1 and DG norms of the error of a discrete function against ``problem.exact``.
+
+    The cells contribute :func:`~agglo_core.fields.errors.error_norms`.
 
     Parameters
     ----------
@@ -182,8 +180,6 @@ def errors(
     x : (n,) float
     problem : Diffusion
         Its ``exact`` solution must be continuous across faces.
-    gradient : callable of points ``(q, d)`` returning ``(q, d)``, optional
-        Exact gradient; by default central differences over a ten-thousandth of the box.
     penalty : float, "paper" or "sharp"
         Discretisation penalty, contained in the DG norm.
     chosen : (n_cells,) bool, optional
@@ -197,65 +193,31 @@ def errors(
     exact = problem.exact
     if exact is None:
         raise OptionError("this problem has no exact solution to compare with")
-    # 1. Penalty, and function without the data offset
-    kappa = positive(basis.mesh, problem.kappa)
-    natural = boundary_faces(basis.mesh, problem).natural
-    sigma = jump_penalty(basis, kappa, penalty, natural)
-    c = offset_of(basis, problem)
+    # 1. Integrals over the cells
+    mesh, c = basis.mesh, offset_of(basis, problem)
     remainder = x - basis.constants(c)
-    # 2. Integrals over the cells, in batches
-    sums = np.zeros(3)
-    for batch in inside(basis.mesh, 2 * basis.degree + 6):
-        cells, points = batch.cells, batch.points + basis.mesh.origin
-        e = sample(exact, points, "exact") - c[cells] - basis.evaluate(remainder, cells, points)
-        slopes = (
-            difference_quotients(basis, exact, c, batch) if gradient is None else np.asarray(gradient(points))
-        )
-        slopes = slopes - basis.gradient(remainder, cells, points)
-        weights = batch.weights if chosen is None else batch.weights * chosen[cells]
-        square = weights * (slopes**2).sum(axis=1)
-        sums += weights @ e**2, square.sum(), _densities(kappa, points, cells, slopes) @ weights
+    cells = np.ones(mesh.n_cells, bool) if chosen is None else chosen
+    norms = error_norms(mesh, problem, basis.degree, polynomials_of(basis, remainder, c), cells)
 
+    # 2. Face jumps
     def outside(faces: Int, points: Float) -> Float:
-        values = sample(exact, points.reshape(-1, basis.mesh.dim) + basis.mesh.origin, "exact")
-        return values.reshape(points.shape[:2]) - c[basis.mesh.face_cells[faces, 0], None]
+        values = sample(exact, points.reshape(-1, mesh.dim) + mesh.origin, "exact")
+        return values.reshape(points.shape[:2]) - c[mesh.face_cells[faces, 0], None]
 
-    # 3. Face jumps
-    counted = sigma if chosen is None else sigma * shares_of_faces(basis.mesh, chosen)
-    sums[2] += jumps(basis, remainder, outside, kappa, counted)
-    return Errors(*np.sqrt(sums).tolist())
+    kappa = positive(mesh, problem.kappa)
+    sigma = jump_penalty(basis, kappa, penalty, boundary_faces(mesh, problem).natural)
+    sigma = sigma if chosen is None else sigma * shares_of_faces(mesh, chosen)
+    squares = jumps(basis, remainder, outside, kappa, sigma)
+    return Errors(norms["l2"], norms["h1"], float(np.sqrt(norms["energy"] ** 2 + squares)))
 
 
-def _densities(kappa: Field | Tensor, points: Float, cells: Int, slopes: Float) -> Float:
-    """Return ∇v·κ∇v ``(q,)`` at points in known cells, from gradients ``slopes (q, d)``."""
-    if isinstance(kappa, Tensor):
-        return np.asarray(np.einsum("qi,qij,qj->q", slopes, kappa.at(points, cells), slopes))
-    values = sample(kappa, points, "kappa") if callable(kappa) else np.asarray(kappa)[cells]
-    return np.asarray(values * (slopes**2).sum(axis=1))
+def polynomials_of(basis: Basis, x: Float, offset: Float) -> Polynomials:
+    """Return the function with coefficients ``x (n,)`` plus constants ``offset (n_cells,)``."""
+    coefficients = basis.coefficients(x)
+    return Polynomials(basis.values, basis.gradient_coefficients, basis.mass_blocks, coefficients, offset)
 
 
 def shares_of_faces(mesh: Mesh, cells: Mask) -> Float:
     """Return the fraction of each face ``(n_faces,)`` that belongs to the chosen cells."""
     sides = mesh.face_cells
     return np.asarray(np.append(cells, False)[sides].sum(axis=1) / (sides >= 0).sum(axis=1))
-
-
-def difference_quotients(basis: Basis, exact: Callable[[Float], Float], offset: Float, batch: Batch) -> Float:
-    """Return the gradient ``(q, d)`` of a callable by fourth-order central differences.
-
-    The steps grow with the ratio of the offset ``(n_cells,)`` to the remaining values: the rounding error
-    of the callable is proportional to the offset.
-    """
-    # 1. Step lengths, along the axes
-    cells = batch.cells
-    centres = sample(exact, batch.points + basis.mesh.origin, "exact") - offset[cells]
-    excess = float(np.abs(offset).max()) / (float(np.abs(centres).max()) or 1.0)
-    extents = basis.halves
-    if basis.mesh.dim == 2:
-        c, s = np.abs(basis.boxes[:, 4:].T[:, :, None])
-        extents = c * extents + s * extents[:, ::-1]  # along the axes
-    steps = _STEP * max(1.0, excess) ** 0.2 * extents[cells]
-    # 2. Differences
-    return central_differences(
-        lambda points: sample(exact, points, "exact") - offset[cells], batch.points + basis.mesh.origin, steps
-    )

@@ -12,6 +12,7 @@ from agglo_polydg_mg.forms.assembly import jump_penalty
 from agglo_polydg_mg.forms.boundary import boundary_faces
 from agglo_polydg_mg.forms.convection import normal_speed
 from agglo_polydg_mg.forms.fluxes import State, Traces, natural_fluxes, traces_on_faces
+from agglo_polydg_mg.forms.norms import polynomials_of
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.space.basis import Basis
 
@@ -24,9 +25,7 @@ def squared_residuals(basis: Basis, x: Float, problem: Diffusion, penalty: Penal
     - ``jump``: γσ[u]², as in the DG norm, with u − g on Dirichlet faces.
     """
     state = State.of(basis, x, problem)
-    u = fields.Polynomials(
-        basis.values, basis.gradient_coefficients, basis.mass_blocks, state.coefficients, state.offset
-    )
+    u = polynomials_of(basis, state.coefficients, state.offset)
     cell, oscillation, reach = fields.cell_residuals(basis.mesh, problem, basis.degree, u)
     flux, jump = _on_faces(state, penalty, reach)
     return {
