@@ -2,7 +2,7 @@
 
 Matrices with equal blocks are stored as ``scipy.sparse.bsr_array``, matrices with blocks of unequal size as
 ``csr_array`` with part offsets. Indices need not be sorted. Matrices are symmetric, except in ``sweep``,
-which requires transposed inverses of diagonal blocks.
+which requires inverses stored by columns.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.compiled.compiling import kernel
+from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.multigrid.kernels.block_vectors import add_dots, add_product
 
 UNROLLED = 16
@@ -27,103 +27,169 @@ Sweep = Callable[..., Any]
 
 @cache
 def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
-    """Return two compiled block Gauss–Seidel sweeps for a block size: with and without residual.
+    """Return two compiled block Gauss–Seidel sweeps over part groups: with and without residual.
 
-    ``residual_sweep(indptr, indices, data, inverses, r, x)``
-        A forward sweep that updates x and its residual r. Block (i, j) serves as transpose of (j, i), so
-        that one pass through the matrix does both.
-    ``sweep(indptr, indices, data, inverses, b, x, order)``
-        A sweep without residual, forward (``order`` 1) or backward (−1).
+    Group g has the parts ``parts[offsets[g]:offsets[g + 1]]``. The inverse of the matrix on a group is stored
+    by columns from ``starts[g]``. Matrix rows follow the order of ``parts``, ``x`` and the columns the
+    original order: stored data are read from begin to end, which takes a third to a half the time of any
+    other order for data beyond the cache. Matrices consist of ``data (entries, width, width)``.
 
-    Blocks and inverse diagonal blocks are stored in flat arrays.
+    ``residual_sweep(offsets, parts, starts, inverses, indptr, indices, data, r, x)``
+        A forward sweep through disjoint groups that updates x and its residual r. Block (i, j) serves as
+        transpose of (j, i), so that one pass through the matrix does both.
+    ``sweep(offsets, parts, starts, inverses, indptr, indices, data, b, x, order)``
+        A sweep without residual, forward (``order`` 1) or backward (−1), also for groups that overlap and
+        matrices that are not symmetric.
     """
     if not 1 < width <= UNROLLED:
         return _residual_sweep, _sweep
 
     @kernel(reorder_sums=True)
-    def residual_sweep(indptr, indices, data, inverses, r, x):
-        step = np.empty(width, x.dtype)
-        for i in range(len(indptr) - 1):
-            # x_i += D_i⁻¹ r_i, then r_j −= A_ijᵀ (change of x_i) for all j, including i.
-            start = i * width
-            for q in range(width):
-                step[q] = 0
-            add_product(width, r, start, 1, inverses, start * width, step, 0)
-            for q in range(width):
-                x[start + q] += step[q]
-                step[q] = -step[q]
-            for k in range(indptr[i], indptr[i + 1]):  # unsigned: no test for negative indices
-                add_product(width, step, 0, 1, data, k * width * width, r, np.uint32(indices[k]) * width)
-            for q in range(width):
-                r[start + q] = 0  # zero except for rounding
+    def residual_sweep(offsets, parts, starts, inverses, indptr, indices, data, r, x):
+        n, blocks = width, data.reshape(-1)
+        step, (residual, solution) = np.empty(n, x.dtype), _room(offsets, n, x)
+        for g in range(len(offsets) - 1):
+            # 1. The inverse times the residual of the group, before any part changes it.
+            #    A single part leaves this product to step 2.
+            first, size = offsets[g], offsets[g + 1] - offsets[g]
+            if size > 1:
+                _gather(r, parts[first : first + size], n, residual)
+                _solve(inverses[starts[g] :], residual, size * n, solution)
+            # 2. Part by part: x_i takes its step, then r_j −= A_ijᵀ step for all j, including i.
+            for a in range(size):
+                start = np.uint32(parts[first + a]) * n
+                for q in range(n):
+                    step[q] = solution[a * n + q] if size > 1 else 0
+                if size == 1:
+                    add_product(width, r, start, 1, inverses, starts[g], step, 0)
+                for q in range(n):
+                    x[start + q] += step[q]
+                    step[q] = -step[q]
+                for k in range(indptr[first + a], indptr[first + a + 1]):  # unsigned: no negative indices
+                    add_product(width, step, 0, 1, blocks, k * n * n, r, np.uint32(indices[k]) * n)
+            _clear(r, parts[first : first + size], n)
 
     @kernel(reorder_sums=True)
-    def sweep(indptr, indices, data, inverses, b, x, order):
-        rows, residual = len(indptr) - 1, np.empty(width, x.dtype)
-        for turn in range(rows):
-            # x_i += D_i⁻¹ (b_i − Σ_j A_ij x_j), with j over the whole row.
-            i = turn if order > 0 else rows - 1 - turn
-            start = i * width
-            for q in range(width):
-                residual[q] = 0
-            first = indptr[i] if order > 0 else indptr[i + 1] - 1  # read memory in one direction
-            for h in range(indptr[i + 1] - indptr[i]):
-                k = first + order * h
-                add_dots(width, data, k * width * width, x, np.uint32(indices[k]) * width, residual, 0)
-            for q in range(width):
-                residual[q] = b[start + q] - residual[q]
-            add_product(width, residual, 0, 1, inverses, start * width, x, start)
+    def sweep(offsets, parts, starts, inverses, indptr, indices, data, b, x, order):
+        n, blocks, count = width, data.reshape(-1), len(offsets) - 1
+        part_residual, (residual, solution) = np.empty(n, x.dtype), _room(offsets, n, x)
+        for turn in range(count):
+            g = turn if order > 0 else count - 1 - turn
+            first, size = offsets[g], offsets[g + 1] - offsets[g]
+            # 1. The residual b_i − Σ_j A_ij x_j of each part in the group, with j over the whole row.
+            for m in range(size):
+                a = m if order > 0 else size - 1 - m  # read memory in one direction
+                start, row = np.uint32(parts[first + a]) * n, first + a
+                for q in range(n):
+                    part_residual[q] = 0
+                begin = indptr[row] if order > 0 else indptr[row + 1] - 1
+                for h in range(indptr[row + 1] - indptr[row]):
+                    k = begin + order * h
+                    add_dots(width, blocks, k * n * n, x, np.uint32(indices[k]) * n, part_residual, 0)
+                for q in range(n):
+                    part_residual[q] = b[start + q] - part_residual[q]
+                if size > 1:
+                    for q in range(n):
+                        residual[a * n + q] = part_residual[q]
+            # 2. x += A_g⁻¹ residual.
+            if size == 1:
+                start = np.uint32(parts[first]) * n
+                add_product(width, part_residual, 0, 1, inverses, starts[g], x, start)
+            else:
+                _solve(inverses[starts[g] :], residual, size * n, solution)
+                _scatter(solution, parts[first : first + size], n, x)
 
     return residual_sweep, sweep
 
 
 @kernel(reorder_sums=True)
-def _residual_sweep(indptr, indices, data, inverses, r, x):
+def _residual_sweep(offsets, parts, starts, inverses, indptr, indices, data, r, x):
     # As above for any block size, with loops over the contiguous rows of a block.
-    n = len(x) // (len(indptr) - 1)
-    step = np.empty(n, x.dtype)
-    for i in range(len(indptr) - 1):
-        start = i * n
-        for q in range(n):
-            step[q] = 0
-        for c in range(n):
-            t, row = r[start + c], (start + c) * n
-            for q in range(n):
-                step[q] += inverses[row + q] * t
-        for q in range(n):
-            x[start + q] += step[q]
-        for k in range(indptr[i], indptr[i + 1]):
-            at = np.uint32(indices[k]) * n
-            for c in range(n):
-                t, row = step[c], (k * n + c) * n
+    n = data.shape[1]
+    residual, solution = _room(offsets, n, x)
+    for g in range(len(offsets) - 1):
+        first, size = offsets[g], offsets[g + 1] - offsets[g]
+        group = parts[first : first + size]
+        _gather(r, group, n, residual)
+        _solve(inverses[starts[g] :], residual, size * n, solution)
+        _scatter(solution, group, n, x)
+        for a in range(size):
+            for k in range(indptr[first + a], indptr[first + a + 1]):
+                at = np.uint32(indices[k]) * n
+                for c in range(n):
+                    t = solution[a * n + c]
+                    for q in range(n):
+                        r[at + q] -= data[k, c, q] * t
+        _clear(r, group, n)
+
+
+@kernel(reorder_sums=True)
+def _sweep(offsets, parts, starts, inverses, indptr, indices, data, b, x, order):
+    # As above for any block size: x_i += A_g⁻¹ (b_i − Σ_j A_ij x_j).
+    n, count = data.shape[1], len(offsets) - 1
+    residual, solution = _room(offsets, n, x)
+    for turn in range(count):
+        g = turn if order > 0 else count - 1 - turn
+        first, size = offsets[g], offsets[g + 1] - offsets[g]
+        group = parts[first : first + size]
+        _gather(b, group, n, residual)
+        for a in range(size):
+            for k in range(indptr[first + a], indptr[first + a + 1]):
+                at = np.uint32(indices[k]) * n
                 for q in range(n):
-                    r[at + q] -= data[row + q] * t
+                    t = residual[a * n + q]
+                    for c in range(n):
+                        t -= data[k, q, c] * x[at + c]
+                    residual[a * n + q] = t
+        _solve(inverses[starts[g] :], residual, size * n, solution)
+        _scatter(solution, group, n, x)
+
+
+@helper(allocates=True)
+def _room(offsets, n, like):
+    """Allocate arrays for the right-hand side and the solution of the largest group."""
+    most = 0
+    for g in range(len(offsets) - 1):
+        most = max(most, offsets[g + 1] - offsets[g])
+    return np.empty(most * n, like.dtype), np.empty(most * n, like.dtype)
+
+
+@helper
+def _gather(vector, group, n, into):
+    """Copy the values of the parts of a group."""
+    for a in range(len(group)):
+        start = np.uint32(group[a]) * n
+        for q in range(n):
+            into[a * n + q] = vector[start + q]
+
+
+@helper
+def _scatter(values, group, n, x):
+    """Add values to the parts of a group."""
+    for a in range(len(group)):
+        start = np.uint32(group[a]) * n
+        for q in range(n):
+            x[start + q] += values[a * n + q]
+
+
+@helper
+def _clear(r, group, n):
+    """Set the residual of a group, zero except for rounding, to zero."""
+    for a in range(len(group)):
+        start = np.uint32(group[a]) * n
         for q in range(n):
             r[start + q] = 0
 
 
-@kernel(reorder_sums=True)
-def _sweep(indptr, indices, data, inverses, b, x, order):
-    rows = len(indptr) - 1
-    n = len(x) // rows
-    residual = np.empty(n, x.dtype)
-    # As above for any block size: x_i += D_i⁻¹ (b_i − Σ_j A_ij x_j).
-    for turn in range(rows):
-        i = turn if order > 0 else rows - 1 - turn
-        start = i * n
-        for q in range(n):
-            residual[q] = b[start + q]
-        for k in range(indptr[i], indptr[i + 1]):
-            at = np.uint32(indices[k]) * n
-            for q in range(n):
-                t, row = residual[q], (k * n + q) * n
-                for c in range(n):
-                    t -= data[row + c] * x[at + c]
-                residual[q] = t
-        for c in range(n):
-            t, row = residual[c], (start + c) * n
-            for q in range(n):
-                x[start + q] += inverses[row + q] * t
+@helper(reorder_sums=True)
+def _solve(inverse, residual, m, solution):
+    """Multiply ``residual[:m]`` by an inverse ``(m, m)``, stored by columns."""
+    for q in range(m):
+        solution[q] = 0
+    for e in range(m):
+        t, column = residual[e], inverse[e * m : (e + 1) * m]
+        for q in range(m):
+            solution[q] += column[q] * t
 
 
 @cache

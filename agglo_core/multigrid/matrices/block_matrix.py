@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int, frozen, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, frozen, frozen_float, frozen_index, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.kernels.block_sweeps import (
     block_sweeps,
@@ -118,11 +118,13 @@ class BlockMatrix:
     def _arrays(self) -> tuple[NDArray[Any], ...]:
         """Arrays of the matrix and its inverse diagonal blocks, as kernel arguments."""
         A = self.matrix
-        rows = (*_pattern(A), frozen(A.data, self.dtype).reshape(-1))
-        inverses = frozen(self.inverses.data, self.dtype).reshape(-1)
-        if self._width:
-            return *rows, inverses
-        return *rows, self.block_offsets, _places(self.block_offsets), inverses
+        data, inverses = frozen(A.data, self.dtype), frozen(self.inverses.data, self.dtype).reshape(-1)
+        if not self._width:
+            return *_pattern(A), data, self.block_offsets, _places(self.block_offsets), inverses
+        groups = np.arange(len(self.block_offsets))  # each part is a group
+        starts = frozen_int(self._width**2 * groups)
+        pattern = frozen_int(A.indptr), frozen_index(A.indices)
+        return frozen_int(groups), frozen_index(groups[:-1]), starts, inverses, *pattern, data
 
 
 def block_matrix(

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen, frozen_float, frozen_index, frozen_int
-from agglo_core.multigrid.kernels.group_sweeps import UNROLLED, group_sweeps
+from agglo_core.multigrid.kernels.block_sweeps import block_sweeps
 from agglo_core.multigrid.smoothers.patch_smoother import slices
 from agglo_core.multigrid.stack import Real
 from agglo_core.problems import Patches
@@ -52,7 +52,7 @@ class OrderedGaussSeidel:
         starts, inverses = _inverses(patches, rows, columns, data)
         pattern = frozen_int(patches.offsets), frozen_index(patches.parts)
         self._A, self._arrays = A, (*pattern, starts, inverses, rows, columns, data)
-        self._sweep = group_sweeps(width if width <= UNROLLED else 0)[1]
+        self._sweep = block_sweeps(width)[1]
 
     def before(self, b: Real) -> tuple[Real, Real]:
         """Return x ``(n,)`` after a sweep from 0, and the residual b − A x."""
@@ -62,7 +62,7 @@ class OrderedGaussSeidel:
     def after(self, b: Real, x: Real) -> Real:
         """Return x ``(n,)`` after a further sweep."""
         swept = np.array(x, np.float64)
-        self._sweep(*self._arrays, frozen(b, np.float64), swept)
+        self._sweep(*self._arrays, frozen(b, np.float64), swept, 1)
         return swept
 
 

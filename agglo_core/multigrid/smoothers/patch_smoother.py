@@ -16,8 +16,7 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen, frozen_index, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.multigrid.kernels.block_sweeps import clear_tiny
-from agglo_core.multigrid.kernels.group_sweeps import UNROLLED, group_sweeps
+from agglo_core.multigrid.kernels.block_sweeps import block_sweeps, clear_tiny
 from agglo_core.multigrid.kernels.patch_factors import patch_factors, patch_orders
 from agglo_core.multigrid.kernels.patch_sweeps import patch_inverses, patch_sum, patch_sweep
 from agglo_core.multigrid.matrices.block_matrix import in_precision
@@ -177,10 +176,10 @@ class VertexPatches:
         width, blocks = int(A.blocksize[0]), frozen(self.A.data, dtype)
         if np.bincount(patches.parts, minlength=1).max() <= 1:  # disjoint patches
             groups = _Groups(A, patches, dtype, some)
-            first, sweep = group_sweeps(width if width <= UNROLLED else 0)
+            first, sweep = block_sweeps(width)
             self._first = partial(first, *groups.forwards)
             self._forwards, self._backwards = (
-                partial(sweep, *group_arrays) for group_arrays in (groups.forwards, groups.backwards)
+                partial(sweep, *arrays, order=1) for arrays in (groups.forwards, groups.backwards)
             )
         else:
             arrays = (*_Factors(A, patches, dtype, some).arrays, *_pattern(A), blocks.reshape(-1))
