@@ -11,7 +11,10 @@ from agglo_core.conformance.base import Broken, Case, Subject, in_words, law, re
 from agglo_core.conformance.inputs.questions import answer, digest, questions, same
 from agglo_core.conformance.inputs.strategies import mesh_cases
 from agglo_core.errors import AggloError
+from agglo_core.mesh import Mesh
+from agglo_core.problems import solve
 from agglo_core.registry.containment import PLUGIN_FAILURES
+from agglo_core.samples import boxes, squares
 
 _UNKNOWN_KEY = "no_such_key"
 
@@ -98,6 +101,29 @@ def table_read(subject: Subject) -> None:
             f"the table {table} gives another problem after {tables}: change no default in the class or the "
             "module, but a copy (dict(defaults))",
         )
+
+
+@law("problem")
+def exact_solution_holds(subject: Subject) -> None:
+    """On finer squares and boxes the discrete solution comes closer to the ``exact`` one, if there is any."""
+    tool = subject.build()
+    for coarse, fine in ((squares(6), squares(12)), (boxes(4), boxes(8))):
+        try:
+            before, after = (_errors(tool, mesh) for mesh in (coarse, fine))
+        except AggloError:
+            continue  # no exact solution, no discretisation, or another domain
+        for norm in before:
+            require(
+                after[norm] <= max(0.6 * before[norm], 1e-9),
+                f"the error {norm} is {before[norm]:.3g} on {coarse.name} and {after[norm]:.3g} on "
+                f"{fine.name}: exact does not solve the problem in {fine.dim}-D; derive its source for this "
+                "dimension",
+            )
+
+
+def _errors(tool: Any, mesh: Mesh) -> dict[str, float]:
+    problem: Any = tool.example(mesh) if isinstance(tool, type) else tool  # type: ignore[attr-defined]
+    return solve(mesh, problem, "direct", degree=2).errors()
 
 
 def _numbers_in(example: Any) -> dict[str, Any]:

@@ -152,12 +152,26 @@ class RaisesOnHexagons(Heat):
         return cls()
 
 
+def _product(points):
+    return np.sin(np.pi * points).prod(axis=1)
+
+
+def hill() -> Diffusion:
+    """Problem with a known solution in 2-D and 3-D."""
+    return Diffusion(source=lambda x: x.shape[1] * np.pi**2 * _product(x), exact=_product)
+
+
+def hill_of_the_plane() -> Diffusion:
+    return Diffusion(source=lambda x: 2 * np.pi**2 * _product(x), exact=_product)
+
+
 CORRECT = [
     (Heat, {"pickles": True}),
     (Slotted, {"pickles": True}),
     (Named, {"pickles": True}),
     (Component("problem", "heat", f"{__name__}:Heat"), {"pickles": True}),
     (Component("problem", "warm", f"{__name__}:warm"), {"pickles": True}),
+    (Component("problem", "hill", f"{__name__}:hill"), {}),
 ]
 
 MUTANTS = [
@@ -171,6 +185,7 @@ MUTANTS = [
     Mutant("table_read", NeedsAKey, "a default"),
     Mutant("table_read", TakesOutKeys, "work on a copy"),
     Mutant("table_read", ChangesTheDefaults, "a copy (dict(defaults))"),
+    Mutant("exact_solution_holds", Component("problem", "hill", f"{__name__}:hill_of_the_plane"), "in 3-D"),
     Mutant("same_seed_same_result", OtherExamples, "without a seed"),
     Mutant("pickles", WithAFunction, "no lambdas", {"pickles": True}),
 ]
