@@ -214,8 +214,13 @@ def siblings(kind: str, *, partition: bool = False) -> Iterator[Case]:
         for recipe in _STRETCHED:
             linear, hierarchy = DrawnProblem(recipe, "even").posed
             assert isinstance(linear, Linear)
-            rough = 1.0 + np.arange(64) % 7
-            diffusion = [Diffusion(), Diffusion(source=3.0), Diffusion(rough), Diffusion(rough[::-1])]
+            rough = frozen_float(1.0 + np.arange(64) % 7)
+            diffusion = [
+                Diffusion(),
+                Diffusion(source=3.0),
+                Diffusion(rough),
+                Diffusion(frozen_float(rough[::-1])),
+            ]
             for problem in (*diffusion, linear, replace(linear, A=3.0 * linear.A)):
                 yield Case("64 cells", (problem, hierarchy))
     else:

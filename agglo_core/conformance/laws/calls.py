@@ -120,7 +120,7 @@ def _answers_of_one_function(subject: Subject) -> list[tuple[str, Any, Any]]:
 
 @law(*_PREPARING, when=lambda subject: subject.has(_PREPARING[subject.kind]))
 def prepared_apart(subject: Subject) -> None:
-    """What ``setup``, ``solver_for`` or ``for_mesh`` returns stays the same when it is called again."""
+    """Later calls of ``setup``, ``solver_for`` or ``for_mesh`` do not affect the objects returned before."""
     tool, test_cases = subject.build(), questions(subject)
     prepared = [_prepared(subject, tool, case) for case in test_cases]
     for case, one in zip(test_cases, prepared, strict=True):
@@ -311,7 +311,7 @@ def never_written(subject: Subject) -> None:
 
 
 def _in_own_arrays(case: Case) -> Case:
-    """Replace the arrays in a test case by writable copies; meshes and graphs stay read-only."""
+    """Replace the arrays in a test case, except in meshes and graphs, by writable copies."""
 
     def own_copy(value: Any) -> Any:
         if isinstance(value, Linear) and sparse.issparse(value.A) and hasattr(value.A, "indptr"):
