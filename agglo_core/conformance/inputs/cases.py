@@ -215,13 +215,8 @@ def siblings(kind: str, *, partition: bool = False) -> Iterator[Case]:
             linear, hierarchy = DrawnProblem(recipe, "even").posed
             assert isinstance(linear, Linear)
             rough = frozen_float(1.0 + np.arange(64) % 7)
-            diffusion = [
-                Diffusion(),
-                Diffusion(source=3.0),
-                Diffusion(rough),
-                Diffusion(frozen_float(rough[::-1])),
-            ]
-            for problem in (*diffusion, linear, replace(linear, A=3.0 * linear.A)):
+            diffusion = [Diffusion(kappa) for kappa in (1.0, rough, frozen_float(rough[::-1]))]
+            for problem in (*diffusion, Diffusion(source=3.0), linear, replace(linear, A=3.0 * linear.A)):
                 yield Case("64 cells", (problem, hierarchy))
     else:
         for recipe in _STRETCHED[:1] if kind in PARTS else _STRETCHED:
