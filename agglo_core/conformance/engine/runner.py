@@ -61,7 +61,7 @@ def check(
     Examples
     --------
     >>> from agglo_core.conformance import check
-    >>> all(result.passed for result in check("metric:cells", laws=["answers", "hand_values"]))
+    >>> all(result.passed for result in check("metric:cells", laws=["answers", "within_bounds"]))
     True
     """
     subject = subject_of(component, kind, options=options, promises=promises, registry=registry)
