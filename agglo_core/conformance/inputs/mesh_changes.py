@@ -93,7 +93,7 @@ def without_cell(mesh: Mesh, cell: int) -> Mesh:
     number = np.arange(mesh.n_cells) - (np.arange(mesh.n_cells) > cell)
     number[cell] = -1
     cells = np.append(number, -1)[mesh.face_cells]
-    kept, turned = cells.max(axis=1) >= 0, cells[:, 0] < cells[:, 1].clip(max=0)
+    kept, turned = cells.max(axis=1) >= 0, (cells[:, 0] < 0) & (cells[:, 1] >= 0)
     loops = [loop[::-1] if turned[face] else loop for face, loop in enumerate(_loops(mesh)) if kept[face]]
     return _mesh_of(mesh.points, loops, np.where(turned[:, None], cells[:, ::-1], cells)[kept])
 
