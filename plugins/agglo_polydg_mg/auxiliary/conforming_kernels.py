@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import helper, kernel
-from agglo_polydg_mg.space.legendre_kernels import along_box
+from agglo_polydg_mg.space.legendre_kernels import along_box, legendre_at, recurrences
 
 
 @helper
@@ -137,30 +137,17 @@ def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffnes
 
 
 @helper
-def _polynomials(x, y, box, roots, values):
-    """Evaluate the unscaled basis polynomials of a cell at a point, and write them to ``values``.
-
-    They are (i + 1/2)^½ (j + 1/2)^½ L_i(x̂) L_j(ŷ), numbered by total degree, with L_i(1) = 1; ``roots
-    (degree + 1,)`` the factors (i + 1/2)^½.
-    """
-    degree = len(roots) - 1
+def _polynomials(x, y, box, table, lines, values):
+    """Evaluate the unscaled basis polynomials of a cell at a point, and write them to ``values``."""
+    degree = table.shape[1]
     x, y = along_box(x - box[0], y - box[1], box)
-    x, y = x / box[2], y / box[3]
+    legendre_at(x / box[2], degree, table, lines[0])
+    legendre_at(y / box[3], degree, table, lines[1])
     k = 0
-    before, value = 0.0, 1.0
-    for i in range(degree + 1):  # L_i(x), at the places of (i, j) for all j
-        k = i * (i + 1) // 2
-        for j in range(degree + 1 - i):
-            values[k] = value * roots[i]
-            k += i + j + 2
-        before, value = value, ((2 * i + 1) * x * value - i * before) / (i + 1)
-    before, value = 0.0, 1.0
-    for j in range(degree + 1):  # times L_j(y), at the places of (i, j) for all i
-        k = j * (j + 3) // 2
-        for i in range(degree + 1 - j):
-            values[k] *= value * roots[j]
-            k += i + j + 1
-        before, value = value, ((2 * j + 1) * y * value - j * before) / (j + 1)
+    for total in range(degree + 1):
+        for j in range(total + 1):
+            values[k] = lines[0, total - j] * lines[1, j]
+            k += 1
 
 
 @helper
@@ -201,6 +188,83 @@ def solve_rows(normal, right, n, count):
             row[i] = t / normal[i, i]
 
 
+@helper
+def _grid_square(point, box, squares):
+    """Return the square of a grid on the box of a cell in which a point lies."""
+    x, y = along_box(point[0] - box[0], point[1] - box[1], box)
+    column = min(int(squares * 0.5 * (1.0 + x / box[2])), squares - 1)
+    row = min(int(squares * 0.5 * (1.0 + y / box[3])), squares - 1)
+    return max(row, 0) * squares + max(column, 0)
+
+
+@helper
+def _add_edge(
+    a, b, length, box, nodes, weights, table, lines, values, first, last, bubble, extra, normal, right
+):
+    """Add the quadrature along an edge to N and to the right-hand sides of its unknowns.
+
+    ``normal`` is N, ``right[first]`` and ``right[last]`` belong to the ends, and ``extra`` rows from
+    ``bubble`` on, if nonnegative, to the bubbles. ``length`` is that of the edge on the square [−1, 1]².
+    """
+    n = len(values)
+    for q in range(len(nodes)):
+        t, weight = nodes[q], weights[q] * length
+        _polynomials(a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), box, table, lines, values)
+        _add_point(weight, values, normal, n)
+        for j in range(n):
+            right[first, j] += (1.0 - t) * weight * values[j]
+            right[last, j] += t * weight * values[j]
+        factor = 4.0 * t * (1.0 - t) * weight
+        for k in range(extra if bubble >= 0 else 0):
+            for j in range(n):
+                right[bubble + k, j] += factor * values[j]
+            factor *= 2.0 * t - 1.0
+
+
+@helper
+def _add_vertex(point, weight, box, table, lines, values, normal, row):
+    """Add the value at a point, times a weight, to N and to the right-hand side ``row`` of its unknown."""
+    _polynomials(point[0], point[1], box, table, lines, values)
+    _add_point(weight, values, normal, len(values))
+    for j in range(len(values)):
+        row[j] += weight * values[j]
+
+
+@helper
+def _regularise(normal, degree, regularisation):
+    """Add the squares of degree times coefficient to N, from degree 2 on."""
+    k = 0
+    for total in range(degree + 1):
+        for _ in range(total + 1):
+            normal[k, k] += regularisation * total * total if total > 1 else 0.0
+            k += 1
+
+
+@helper
+def _most_unknowns(offsets, starts, most, extra):
+    """Return the largest number of unknowns of a cell, at least ``most``."""
+    largest = most
+    for c in range(len(offsets) - 1):
+        if starts[c + 1] - starts[c] <= most:
+            largest = max(largest, starts[c + 1] - starts[c] + extra * (offsets[c + 1] - offsets[c]))
+    return largest
+
+
+@helper
+def _make_orthogonal(right, bubble, first, last, orthogonal):
+    """Add to each bubble of an edge its multiples of the end functions and of lower bubbles.
+
+    The fit is linear in the trace, so solutions are combined instead of right-hand sides. The last bubble is
+    first, because it needs the others unchanged.
+    """
+    for k in range(len(orthogonal) - 1, -1, -1):
+        for j in range(right.shape[1]):
+            right[bubble + k, j] += orthogonal[k, 0] * right[first, j]
+            right[bubble + k, j] += orthogonal[k, 1] * right[last, j]
+            for i in range(k):
+                right[bubble + k, j] += orthogonal[k, 2 + i] * right[bubble + i, j]
+
+
 @kernel
 def fit_traces(
     points, offsets, faces, face_vertices, face_cells, ends, starts, unknowns, bubbles, isolated, orthogonal,
@@ -224,14 +288,10 @@ def fit_traces(
     n, most, extra = (degree + 1) * (degree + 2) // 2, squares * squares, degree - 1
     counts, indices = np.zeros(len(offsets), np.int64), np.empty(max_rows, np.int32)
     fitted = np.empty((max_rows, n))
-    widest = most
-    for c in range(len(offsets) - 1):
-        if starts[c + 1] - starts[c] <= most:
-            widest = max(widest, starts[c + 1] - starts[c] + extra * (offsets[c + 1] - offsets[c]))
+    widest = _most_unknowns(offsets, starts, most, extra)
     normal, right, values = np.empty((n, n)), np.empty((widest, n)), np.empty(n)
-    place, square_points, roots = np.empty(most, np.int64), np.empty((most, 2)), np.empty(degree + 1)
-    for i in range(degree + 1):
-        roots[i] = np.sqrt(i + 0.5)
+    place, square_points = np.empty(most, np.int64), np.empty((most, 2))
+    table, lines = recurrences(degree), np.empty((2, degree + 1))
     position = 0
     for c in range(len(offsets) - 1):
         # 1. Corner unknowns come first, then bubbles. With ``use_grid`` the unknowns are only known
@@ -248,60 +308,39 @@ def fit_traces(
             f = faces[h]
             side = 0 if face_cells[f, 0] == c else 1
             # 2. The face length on the square [−1, 1]² weights its part of the integral.
-            a, b = face_vertices[f, 0], face_vertices[f, 1]
-            ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
-            ex, ey = along_box(bx - ax, by - ay, box)
+            a, b = points[face_vertices[f, 0]], points[face_vertices[f, 1]]
+            ex, ey = along_box(b[0] - a[0], b[1] - a[1], box)
             length = np.sqrt((ex / box[2]) ** 2 + (ey / box[3]) ** 2)
             # 3. Many corners: each end takes half of the length. The point is the first vertex found in the
             # grid square of the end: N and the right-hand side take the value there.
             if use_grid:
                 for k in range(2):
                     v = face_vertices[f, k]
-                    x, y = along_box(points[v, 0] - box[0], points[v, 1] - box[1], box)
-                    column = min(int(squares * 0.5 * (1.0 + x / box[2])), squares - 1)
-                    row = min(int(squares * 0.5 * (1.0 + y / box[3])), squares - 1)
-                    s = max(row, 0) * squares + max(column, 0)
+                    s = _grid_square(points[v], box, squares)
                     if place[s] < 0:
                         place[s], square_points[count] = count, points[v]
                         indices[position + count] = unknowns[ends[f, side, k]]
                         count += 1
                     i = place[s]
-                    _polynomials(square_points[i, 0], square_points[i, 1], box, roots, values)
-                    _add_point(0.5 * length, values, normal, n)
-                    for j in range(n):
-                        right[i, j] += 0.5 * length * values[j]
+                    _add_vertex(square_points[i], 0.5 * length, box, table, lines, values, normal, right[i])
                 continue
             # 4. Few corners: quadrature along the face. Add w p pᵀ to N, and w p times the functions 1 − t,
             # t and the bubbles to the right-hand sides. A corner collects contributions of both its faces.
             first, last = ends[f, side, 0] - starts[c], ends[f, side, 1] - starts[c]
-            for q in range(len(nodes)):
-                t, weight = nodes[q], weights[q] * length
-                _polynomials(ax + t * (bx - ax), ay + t * (by - ay), box, roots, values)
-                _add_point(weight, values, normal, n)
-                bubble = 4.0 * t * (1.0 - t) * weight
-                for j in range(n):
-                    right[first, j] += (1.0 - t) * weight * values[j]
-                    right[last, j] += t * weight * values[j]
-                if bubbles[f] >= 0:
-                    for k in range(extra):
-                        for j in range(n):
-                            right[count + k, j] += bubble * values[j]
-                        bubble *= 2.0 * t - 1.0
+            bubble = count if bubbles[f] >= 0 else -1
+            _add_edge(
+                a, b, length, box, nodes, weights, table, lines, values, first, last, bubble, extra, normal,
+                right,
+            )  # fmt: skip
             if bubbles[f] >= 0:
                 for k in range(extra):
                     indices[position + count + k] = bubbles[f] + k
                 count += extra
         # 5. The regularisation limits polynomials that vanish on the boundary. Constants and linear
         # functions are exempt, so that they are reproduced.
-        k = 0
-        for total in range(degree + 1):
-            for _ in range(total + 1):
-                normal[k, k] += regularisation * total * total if total > 1 else 0.0
-                k += 1
+        _regularise(normal, degree, regularisation)
         solve_rows(normal, right, n, count)
-        # 6. On isolated faces add to bubble k its multiples of the end functions and of lower bubbles. The
-        # fit is linear in the trace, so solutions are combined instead of right-hand sides. The last bubble
-        # is first, because it needs the others unchanged.
+        # 6. Make the bubbles of isolated faces orthogonal.
         column = corners
         for h in range(offsets[c], offsets[c + 1]):
             f = faces[h]
@@ -310,12 +349,7 @@ def fit_traces(
             if isolated[f]:
                 side = 0 if face_cells[f, 0] == c else 1
                 first, last = ends[f, side, 0] - starts[c], ends[f, side, 1] - starts[c]
-                for k in range(extra - 1, -1, -1):
-                    for j in range(n):
-                        right[column + k, j] += orthogonal[k, 0] * right[first, j]
-                        right[column + k, j] += orthogonal[k, 1] * right[last, j]
-                        for i in range(k):
-                            right[column + k, j] += orthogonal[k, 2 + i] * right[column + i, j]
+                _make_orthogonal(right, column, first, last, orthogonal)
             column += extra
         # 7. Convert to coefficients of the scaled polynomials.
         for i in range(count):

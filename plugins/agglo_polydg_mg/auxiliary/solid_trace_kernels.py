@@ -9,7 +9,7 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.auxiliary.conforming_kernels import solve_rows
 from agglo_polydg_mg.space.legendre_kernels import CONSTANT, legendre_at, recurrences
-from agglo_polydg_mg.space.solid_kernels import in_box
+from agglo_polydg_mg.space.solid_kernels import cross, in_box
 
 
 @helper
@@ -44,12 +44,38 @@ def _corners(points, face_vertices, first, last, box, ring):
 
 
 @helper
-def _size(a, b, c):
-    """Return twice the area of a triangle."""
-    x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
-    y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
-    z = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    return np.sqrt(x * x + y * y + z * z)
+def _list_face(numbers, edges, first, sides, indices, position, count, right, place):
+    """Write each face unknown's position in the cell to ``place``, and return the cell's number of unknowns.
+
+    Vertices precede edges; −1 marks an edge without unknown. Faces share vertices and edges, so unknowns are
+    looked up before they are added.
+    """
+    for k in range(2 * sides):
+        unknown = numbers[first + k] if k < sides else edges[first + k - sides]
+        place[k] = -1
+        if unknown >= 0:
+            place[k] = _place(unknown, indices, position, count)
+            if place[k] == count:
+                indices[position + count] = unknown
+                right[count, :] = 0.0
+                count += 1
+    return count
+
+
+@helper
+def _traces_at(r, s, t, k, sides, share):
+    """Write the value of each trace function of a face to ``share``, at a point of its triangle k.
+
+    ``r``, ``s`` and ``t`` are the barycentric coordinates at the centre, at corner k and at the next corner.
+    At the centre the trace is the mean: 1 / sides for each vertex.
+    """
+    for i in range(2 * sides):
+        share[i] = r / sides if i < sides and sides > 3 else 0.0
+    share[k] += s
+    share[(k + 1) % sides] += t
+    if sides == 3:
+        share[2] += r
+        share[3], share[4], share[5] = 4.0 * s * t, 4.0 * t * r, 4.0 * r * s
 
 
 @kernel
@@ -84,24 +110,16 @@ def fit_solid_traces(
             f = faces[h]
             first, last = face_offsets[f], face_offsets[f + 1]
             sides = last - first
-            # 1. Position in the cell of each face unknown, vertices before edges; −1 for an edge without
-            # unknown. Faces share vertices and edges, so unknowns are looked up before they are added.
+            # 1. Corners of the face, and positions of its unknowns in the cell.
             _corners(points, face_vertices, first, last, boxes[c], ring)
-            for k in range(2 * sides):
-                unknown = numbers[first + k] if k < sides else edges[first + k - sides]
-                place[k] = -1
-                if unknown >= 0:
-                    place[k] = _place(unknown, indices, position, count)
-                    if place[k] == count:
-                        indices[position + count] = unknown
-                        right[count, :] = 0.0
-                        count += 1
+            count = _list_face(numbers, edges, first, sides, indices, position, count, right, place)
             # 2. Quadrature over the triangles (centre, corner k, next corner) in the coordinates of the cube.
             #    The centre of a triangular face is its last corner.
             for k in range(1 if sides == 3 else sides):
                 after = (k + 1) % sides
                 centre = ring[2] if sides == 3 else ring[sides]
-                size = _size(centre, ring[k], ring[after])
+                x, y, z = cross(centre, ring[k], ring[after])
+                size = np.sqrt(x * x + y * y + z * z)
                 for q in range(len(weights)):
                     s, t = rule[q, 0], rule[q, 1]
                     r = 1.0 - s - t
@@ -111,15 +129,7 @@ def fit_solid_traces(
                         r * centre[2] + s * ring[k, 2] + t * ring[after, 2],
                         orders, table, lines, values,
                     )  # fmt: skip
-                    # ``share``: the value of each trace function of the face at the point. At the centre
-                    # the trace is the mean: 1 / sides for each vertex.
-                    for i in range(2 * sides):
-                        share[i] = r / sides if i < sides and sides > 3 else 0.0
-                    share[k] += s
-                    share[after] += t
-                    if sides == 3:
-                        share[2] += r
-                        share[3], share[4], share[5] = 4.0 * s * t, 4.0 * t * r, 4.0 * r * s
+                    _traces_at(r, s, t, k, sides, share)
                     # Add w p pᵀ to N, lower half, and w p times each trace function to its right-hand side.
                     for i in range(n):
                         weighted = size * weights[q] * values[i]

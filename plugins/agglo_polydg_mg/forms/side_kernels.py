@@ -13,6 +13,7 @@ import numpy as np
 
 from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.space.legendre_kernels import CONSTANT, recurrences
+from agglo_polydg_mg.space.solid_kernels import oriented_triangle
 
 
 @kernel
@@ -142,17 +143,20 @@ def _in_powers(box, scale, frame, table, powers, terms, lines, coefficients):
 
 
 @helper
+def _powers_at(a, b, c, s, t, frame, xi):
+    """Write the powers 0, 1, … of ξ_d = (x_d − centre) / half side at a point of a triangle to ``xi``."""
+    for d in range(3):
+        x = (a[d] + s * (b[d] - a[d]) + t * (c[d] - a[d]) - frame[d]) / frame[3 + d]
+        xi[d, 0] = 1.0
+        for k in range(xi.shape[1] - 1):
+            xi[d, k + 1] = xi[d, k] * x
+
+
+@helper
 def _add_triangle(a, b, c, weighted, frame, rule, powers, xi, local):
     """Add Σ_q weighted[q] ξ^powers over the points of a triangle to ``local``."""
-    most = xi.shape[1] - 1
     for q in range(len(rule)):
-        s, t = rule[q, 0], rule[q, 1]
-        for d in range(3):
-            # Powers 0, 1, ... of ξ_d = (x_d − centre) / half side at the point.
-            x = (a[d] + s * (b[d] - a[d]) + t * (c[d] - a[d]) - frame[d]) / frame[3 + d]
-            xi[d, 0] = 1.0
-            for k in range(most):
-                xi[d, k + 1] = xi[d, k] * x
+        _powers_at(a, b, c, rule[q, 0], rule[q, 1], frame, xi)
         for k in range(len(local)):
             local[k] += weighted[q] * xi[0, powers[k, 0]] * xi[1, powers[k, 1]] * xi[2, powers[k, 2]]
 
@@ -164,14 +168,8 @@ def _add_slanted(a, b, c, weighted, frame, rule, powers, xi, directions, turned,
     ``directions (2, 1 or q, 3)`` are outward from the owner of the face, and ``normals (2, 3, k)`` from the
     first cell of the side, the second one if ``turned``.
     """
-    most = xi.shape[1] - 1
     for q in range(len(rule)):
-        s, t = rule[q, 0], rule[q, 1]
-        for d in range(3):
-            x = (a[d] + s * (b[d] - a[d]) + t * (c[d] - a[d]) - frame[d]) / frame[3 + d]
-            xi[d, 0] = 1.0
-            for k in range(most):
-                xi[d, k + 1] = xi[d, k] * x
+        _powers_at(a, b, c, rule[q, 0], rule[q, 1], frame, xi)
         at = min(q, directions.shape[1] - 1)
         for side in range(2):
             direction = directions[1 - side if turned else side, at]
@@ -198,16 +196,10 @@ def _add_face(
     a = points[face_vertices[first]]
     for k in range(first + 1, face_offsets[f + 1] - 1):
         b, c = points[face_vertices[k]], points[face_vertices[k + 1]]
-        # 1. Normal and twice the area of the triangle, negative if it is reversed relative to the face: in
-        # the fan of a nonconvex face triangles overlap and must cancel.
-        x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
-        y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
-        z = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        size = np.sqrt(x * x + y * y + z * z)
+        # 1. Normal of the triangle.
+        x, y, z, size = oriented_triangle(a, b, c, vector)
         if size == 0.0:
             continue
-        if x * vector[0] + y * vector[1] + z * vector[2] < 0.0:
-            size = -size
         # 2. γ/2 at each point, at the boundary κ. Triangles are numbered through all faces: each face
         # before f has two triangles fewer than vertices.
         row = f if len(kappa) == len(face_offsets) - 1 else first - 2 * f + k - first - 1

@@ -9,17 +9,8 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.forms.form_kernels import balance, balance_workspace, factorise, most_faces, whiten
 from agglo_polydg_mg.forms.trace_kernels import RESOLVED
-from agglo_polydg_mg.space.legendre_kernels import LANES, legendre_at, recurrences
-
-
-@helper
-def _slopes_at(values, table, slopes):
-    """Compute the derivatives of Legendre polynomials, ``slopes``, from their ``values``."""
-    before, slope = 0.0, 0.0
-    slopes[0] = 0.0
-    for k in range(table.shape[1]):
-        before, slope = slope, table[2, k] * before + table[3, k] * values[k]
-        slopes[k + 1] = slope
+from agglo_polydg_mg.space.legendre_kernels import LANES, legendre_at, recurrences, slopes_of
+from agglo_polydg_mg.space.solid_kernels import oriented_triangle
 
 
 @helper
@@ -33,9 +24,9 @@ def _normal_slopes(x, y, z, normal, table, lines, orders, slopes):
     legendre_at(x, degree, table, lx)
     legendre_at(y, degree, table, ly)
     legendre_at(z, degree, table, lz)
-    _slopes_at(lx, table, dx)
-    _slopes_at(ly, table, dy)
-    _slopes_at(lz, table, dz)
+    slopes_of(lx, table, dx)
+    slopes_of(ly, table, dy)
+    slopes_of(lz, table, dz)
     for k in range(1, len(orders)):
         i, j, m = orders[k, 0], orders[k, 1], orders[k, 2]
         value = normal[0] * dx[i] * ly[j] * lz[m] + normal[1] * lx[i] * dy[j] * lz[m]
@@ -70,18 +61,12 @@ def _trace_face(
     a = points[face_vertices[first]]
     for k in range(first + 1, face_offsets[f + 1] - 1):
         b, c = points[face_vertices[k]], points[face_vertices[k + 1]]
-        # 1. Normal and twice the area of the triangle, negative if it is reversed relative to the face: in
-        # the fan of a nonconvex face triangles overlap and must cancel.
-        x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
-        y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
-        z = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        size = np.sqrt(x * x + y * y + z * z)
+        # 1. Normal of the triangle, and the derivative along the unit normal in box coordinates. Its sign
+        # does not matter.
+        x, y, z, size = oriented_triangle(a, b, c, vector)
         if size == 0.0:
             continue
-        if x * vector[0] + y * vector[1] + z * vector[2] < 0.0:
-            size = -size
         area += 0.5 * size
-        # The derivative along the unit normal in box coordinates. Its sign does not matter.
         normal[0], normal[1] = scale * x / size / box[3], scale * y / size / box[4]
         normal[2] = scale * z / size / box[5]
         # 2. y = L⁻¹ ∂φ/∂n at the points of the triangle, with the weights of T_F: c = ωκ/2 inside, κ at the

@@ -51,12 +51,12 @@ def legendre_at(x, degree, table, values):
         values[k + 1] = value
 
 
-@kernel
-def slopes_of(values, degree, table, slopes):
+@helper
+def slopes_of(values, table, slopes):
     """Write the derivatives of the :func:`legendre_at` polynomials to ``slopes`` from their ``values``."""
     before, slope = 0.0, 0.0
     slopes[0] = 0.0
-    for k in range(degree):
+    for k in range(table.shape[1]):
         before, slope = slope, table[2, k] * before + table[3, k] * values[k]
         slopes[k + 1] = slope
 

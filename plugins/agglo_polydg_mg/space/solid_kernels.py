@@ -27,6 +27,29 @@ def in_box(point, box, axis):
 
 
 @helper
+def cross(a, b, c):
+    """Return (b − a) × (c − a), a normal of the triangle abc as long as twice its area."""
+    return (
+        (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1]),
+        (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2]),
+        (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]),
+    )
+
+
+@helper
+def oriented_triangle(a, b, c, vector):
+    """Return :func:`cross` and twice the area, negative if the triangle is reversed relative to ``vector``.
+
+    In the fan of a nonconvex face triangles overlap and must cancel.
+    """
+    x, y, z = cross(a, b, c)
+    size = np.sqrt(x * x + y * y + z * z)
+    if x * vector[0] + y * vector[1] + z * vector[2] < 0.0:
+        size = -size
+    return x, y, z, size
+
+
+@helper
 def _primitives(lx, upper, degree, primitives):
     """Compute the antiderivatives of Legendre polynomials 0..degree from their values up to degree + 1."""
     primitives[0] = lx[1] * upper[0]
