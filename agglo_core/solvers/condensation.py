@@ -13,7 +13,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 
 @dataclass(frozen=True, eq=False)
 class Condensation:
-    """System A x = b with its inner unknowns eliminated by the Schur complement.
+    """Symmetric system A x = b with its inner unknowns eliminated by the Schur complement.
 
     Attributes
     ----------
@@ -22,8 +22,10 @@ class Condensation:
     outer : (m,) int
     inner : (cells, k) int
         Unknowns of each cell, coupled to no inner unknowns of other cells.
-    inverse : (cells * k, cells * k) sparse
-        Inverse of the inner blocks.
+    coupling : (cells * k, m) sparse
+        Rows of the inner unknowns, columns of the outer ones.
+    root : (cells * k, cells * k) sparse
+        L⁻¹ of the inner blocks L Lᵀ.
 
     Examples
     --------
@@ -41,32 +43,34 @@ class Condensation:
     b: Float
     outer: Int
     inner: Int
-    inverse: Any
+    coupling: Any
+    root: Any
 
     @classmethod
     def of(cls, A: Any, b: Float, inner: Int) -> Self:
-        """Split a system. Raises LinAlgError for a singular inner block."""
+        """Split a system. Raises LinAlgError for an inner block that is not positive definite."""
         A, flat = sparse.csr_array(A), inner.ravel()
         outer = np.setdiff1d(np.arange(A.shape[0]), flat)
         cells, width = inner.shape
         blocks = np.zeros((cells, width, width))
-        within = sparse.coo_array(A[flat][:, flat])
+        rows = A[flat]
+        within = sparse.coo_array(rows[:, flat])
         blocks[within.row // width, within.row % width, within.col % width] = within.data
-        inverse = sparse.bsr_array((np.linalg.inv(blocks), np.arange(cells), np.arange(cells + 1)))
-        return cls(A, b, frozen_int(outer), inner, sparse.csr_array(inverse))
+        roots = np.linalg.inv(np.linalg.cholesky(blocks)), np.arange(cells), np.arange(cells + 1)
+        root = sparse.csr_array(sparse.bsr_array(roots))
+        return cls(A, b, frozen_int(outer), inner, sparse.csr_array(rows[:, outer]), root)
 
     @property
     def matrix(self) -> Any:
         """Schur complement ``(m, m)``."""
-        to_inner = self.A[self.inner.ravel()][:, self.outer]
-        schur = self.A[self.outer][:, self.outer] - to_inner.T @ (self.inverse @ to_inner)
-        return sparse.csr_array(0.5 * (schur + schur.T))
+        W = self.root @ self.coupling
+        return sparse.csr_array(self.A[self.outer][:, self.outer] - W.T @ W)
 
     @property
     def load(self) -> Float:
         """Right-hand side ``(m,)`` of the outer unknowns."""
-        inside = self.inverse @ self.b[self.inner.ravel()]
-        return frozen_float(self.b[self.outer] - self.A[self.outer][:, self.inner.ravel()] @ inside)
+        inside = self._solve(self.b[self.inner.ravel()])
+        return frozen_float(self.b[self.outer] - self.coupling.T @ inside)
 
     def with_load(self, load: Float) -> Self:
         """Return the system with ``load (n,)`` added to the right-hand side."""
@@ -76,5 +80,9 @@ class Condensation:
         """Return all unknowns ``(n,)`` from the outer ones ``(m,)``."""
         whole, inner = np.empty(len(self.b)), self.inner.ravel()
         whole[self.outer] = x
-        whole[inner] = self.inverse @ (self.b[inner] - self.A[inner][:, self.outer] @ x)
+        whole[inner] = self._solve(self.b[inner] - self.coupling @ x)
         return frozen_float(whole)
+
+    def _solve(self, r: Float) -> Float:
+        """Return the inner blocks' solutions for ``r (cells * k,)``."""
+        return np.asarray(self.root.T @ (self.root @ r))
