@@ -1,23 +1,27 @@
 """Build multigrid levels with a continuous space: cells, vertices and bubbles, then vertex aggregates.
 
 Cell smoothing removes the discontinuous errors. The rest is a scalar problem on vertices with its own
-multigrid. No coarse level is discontinuous.
+multigrid. No coarse level is discontinuous. If groups of cells are smoothed, each cell's unknowns are scaled
+so that its diagonal block is the identity: otherwise single precision would lose all digits in the blocks of
+flat cells.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Float, Int, System, frozen_int, multigrid
+from agglo_core.authoring import Float, Int, Mesh, Patches, System, frozen_float, frozen_int, multigrid
 from agglo_polydg_mg.auxiliary.conforming_space import ConformingSpace, conforming_space
 from agglo_polydg_mg.auxiliary.coupling_network import coupling_network
 from agglo_polydg_mg.auxiliary.nodal_traces import nodal_basis, nodal_network
 from agglo_polydg_mg.auxiliary.solid_space import solid_space
+from agglo_polydg_mg.auxiliary.strong_faces import columns, strong_pairs
 from agglo_polydg_mg.space.basis import Basis
 
 _SMALL = 1e-5
@@ -50,6 +54,15 @@ _ONE_SIZE = 4.0
 """Ratio κ_max / κ_min up to which κ counts as nearly constant (benchmarks/time_steps.py, at ratio 7)."""
 
 
+_SMALL_LEVEL = 0.25
+"""Entries of a level's matrix over those of the level above, up to which the level is visited twice below
+patches. Patches leave so little error that a single visit would limit convergence (benchmarks/solve.py
+--meshes voronoi --degrees 3)."""
+_SMALL_GIVEN = 0.7
+"""Entry ratio for given agglomerates, which leave more error than classical levels (benchmarks/solve.py
+--hierarchy kmeans --meshes voronoi --degrees 3)."""
+
+
 def conforming_stack(
     system: System,
     basis: Basis,
@@ -57,8 +70,7 @@ def conforming_stack(
     kappa: Float,
     *,
     labels: Sequence[Int] | None = None,
-    smoother: Callable[[Any, Int, Any], multigrid.LevelSmoother] | None = None,
-    scale: Float | None = None,
+    smoother: Literal["cells", "groups", "patches"] = "cells",
     bubbles: bool = True,
     vertices: Literal["aggregates", "classical"] = "aggregates",
     layers: bool = False,
@@ -84,11 +96,12 @@ def conforming_stack(
     labels : sequence of (n_cells,) int, optional
         Agglomerates, finest first: a vertex belongs to its first cell's agglomerate, and agglomerates
         are split at weak vertex couplings. By default the matrix alone defines the aggregates.
-    smoother : callable
-        Returns the first level's smoother from matrix, block offsets and precision. By default
-        symmetric block Gauss–Seidel on cells; see :func:`~agglo_polydg_mg.solver.choose.choose`.
-    scale : (n_cells, n_local, n_local) float, optional
-        Blocks that map cell coefficients to first-level unknowns, if these differ.
+    smoother : "cells", "groups" or "patches"
+        Smoother of the first level: symmetric block Gauss–Seidel on single cells, on groups of up to eight
+        cells joined by :func:`~agglo_polydg_mg.auxiliary.strong_faces.strong_pairs` (in 3-D on the
+        :func:`~agglo_polydg_mg.auxiliary.strong_faces.columns` of flat cells), or on vertex patches, which
+        take half the iterations and several times the time and memory of a sweep. See
+        :func:`~agglo_polydg_mg.solver.choose.choose`.
     bubbles : bool
         Whether faces have p − 1 bubbles each.
     vertices : "aggregates" or "classical"
@@ -100,56 +113,87 @@ def conforming_stack(
         face points.
     dtype : float32 or float64
         Cycle precision; the set-up uses double precision.
+
+    Raises
+    ------
+    LinAlgError
+        If the matrix is not positive definite on a cell or a group.
     """
-    # 1. Build the continuous space, with bubbles or with face points
-    nodal_traces = layers and vertices == "classical" and bubbles and basis.degree > 1
-    if basis.mesh.dim == 2:
+    # 1. The continuous space, with bubbles or with face points, and its Galerkin matrix C
+    mesh, in_layers = basis.mesh, layers and vertices == "classical"
+    nodal_traces = in_layers and bubbles and basis.degree > 1
+    if mesh.dim == 2:
         space = conforming_space(basis, sigma, kappa, bubbles=bubbles, orthogonal=not nodal_traces)
     else:
         space = solid_space(basis, bubbles=bubbles)
-    has_bubbles = space.n > space.n_vertices
-    # 2. Compute its Galerkin matrix C, without small entries
-    constant_kappa = bool(kappa.max() <= _ONE_SIZE * kappa.min())
-    lumps_vertices = (
-        basis.mesh.dim == 2 and smoother is None and not (has_bubbles or layers) and constant_kappa
-    )
-    largest_dropped = _SMALLEST_KAPPA * kappa.min() / kappa.max()
-    drop_tolerance = max(min(_SMALL, largest_dropped), _ROUNDING) if has_bubbles else _ROUNDING
-    C = space.galerkin(
-        system.A,
-        drop_tolerance,
-        drop_tolerance if nodal_traces else _SMALL_BUBBLES,
-        _SMALL_VERTICES if lumps_vertices else 0.0,
-    )
-    P, guide = space.prolongation(dtype, scale), None
-    # 3. Build the guide of classical levels in layers
+    lumps_vertices = mesh.dim == 2 and smoother == "cells" and not layers
+    C = space.galerkin(system.A, *_drop_limits(space, kappa, nodal_traces, lumps_vertices))
+    # 2. The prolongation to scaled cells, if they are smoothed in groups
+    scaled = None if smoother == "cells" else multigrid.block_scaled(system.A)
+    P = space.prolongation(dtype, None if scaled is None else frozen_float(scaled.LT.data))
+    # 3. The guide of classical levels in layers
+    guide = None
     if nodal_traces:
-        T = nodal_basis(space, basis.mesh)
+        T = nodal_basis(space, mesh)
         C, P = sparse.csr_array(T.T @ C @ T), sparse.csr_array(P.tocsr() @ T.astype(dtype))
         C.sort_indices()
-        guide = nodal_network(space, basis.mesh, kappa)
-    elif layers and vertices == "classical":
-        guide = coupling_network(space, basis.mesh, kappa)
+        guide = nodal_network(space, mesh, kappa)
+    elif in_layers:
+        guide = coupling_network(space, mesh, kappa)
     # 4. Stack the levels: cells, bubbles if there are any, then multigrid on the vertices
-    cell_smoother = (smoother or _sweeps_for(basis))(system.A, system.block_offsets, dtype)
-    levels = [multigrid.Level(system.A, system.block_offsets, P, cell_smoother)]
-    if has_bubbles and not nodal_traces:
+    levels = []
+    if space.n > space.n_vertices and not nodal_traces:
         levels.append(_with_bubbles(C, space, dtype))
         C = sparse.csr_array(C[: space.n_vertices, : space.n_vertices])
     n = C.shape[0]
     vertex_labels = None if labels is None else [labels_of_unknowns(space, each)[:n] for each in labels]
     if vertices == "classical":
-        vertex_stack = multigrid.classical_stack(
-            C,
-            labels=vertex_labels,
-            near_null=np.ones(n),
-            guide=guide,
-            dtype=dtype,
-            groups=1 if guide is None else _GROUPS,
-        )
+        options: Any = {"near_null": np.ones(n), "guide": guide, "groups": 1 if guide is None else _GROUPS}
+        below = multigrid.classical_stack(C, labels=vertex_labels, dtype=dtype, **options)
     else:
-        vertex_stack = multigrid.aggregation_stack(C, labels=vertex_labels, weak=_WEAK, dtype=dtype)
-    return multigrid.LevelStack([*levels, *vertex_stack.levels], vertex_stack.coarse, dtype)
+        below = multigrid.aggregation_stack(C, labels=vertex_labels, weak=_WEAK, dtype=dtype)
+    levels += below.levels
+    if scaled is None:
+        sweeps = _sweeps_for(basis)(system.A, system.block_offsets, dtype)
+        top = multigrid.Level(system.A, system.block_offsets, P, sweeps)
+        return multigrid.LevelStack([top, *levels], below.coarse, dtype)
+    groups = _groups(mesh, sigma, smoother)
+    patches = multigrid.VertexPatches(scaled.A, groups, dtype)
+    top = multigrid.Level(patches.A, system.block_offsets, P, patches, patches=groups)
+    if smoother == "patches":
+        levels = _visited(levels, system.A, _SMALL_LEVEL if labels is None else _SMALL_GIVEN)
+    return multigrid.LevelStack([top, *levels], below.coarse, dtype, scaled.T)
+
+
+def _drop_limits(
+    space: ConformingSpace, kappa: Float, nodal_traces: bool, lumps_vertices: bool
+) -> tuple[float, float, float]:
+    """Return the limits of small entries of C: of all, between bubbles, and between vertices."""
+    if space.n == space.n_vertices:
+        constant = bool(kappa.max() <= _ONE_SIZE * kappa.min())
+        return _ROUNDING, _SMALL_BUBBLES, _SMALL_VERTICES if lumps_vertices and constant else 0.0
+    small = max(min(_SMALL, _SMALLEST_KAPPA * kappa.min() / kappa.max()), _ROUNDING)
+    return small, small if nodal_traces else _SMALL_BUBBLES, 0.0
+
+
+def _groups(mesh: Mesh, sigma: Float, smoother: str) -> Patches:
+    """Return the cells that are smoothed together."""
+    if smoother == "patches":
+        return multigrid.vertex_patches(mesh)
+    return (
+        columns(mesh)[0]
+        if mesh.dim == 3
+        else multigrid.joined_patches(strong_pairs(mesh, sigma), mesh.n_cells)
+    )
+
+
+def _visited(levels: Sequence[multigrid.Level], A: Any, small: float) -> list[multigrid.Level]:
+    """Return the levels below ``A``, with two visits if they have few entries beside the level above."""
+    above = [A, *(level.A for level in levels)]
+    return [
+        replace(level, visits=2 if level.A.nnz <= small * finer.nnz else 1)
+        for level, finer in zip(levels, above, strict=False)
+    ]
 
 
 def cell_sweeps(A: Any, block_offsets: Int, dtype: Any, sweeps: int = 1) -> multigrid.LevelSmoother:

@@ -9,7 +9,6 @@ import numpy as np
 
 from agglo_core.authoring import Diffusion, Int, System, solvers
 from agglo_polydg_mg.auxiliary.conforming_stack import conforming_stack
-from agglo_polydg_mg.auxiliary.grouped_stack import grouped_stack
 from agglo_polydg_mg.auxiliary.patch_recipe import patch_stack
 from agglo_polydg_mg.forms.coefficients import cell_means
 from agglo_polydg_mg.solver.choose import Plan
@@ -44,17 +43,18 @@ def build(
     assert fine.sigma is not None  # every discretised system has a penalty
     offsets = np.arange(0, fine.A.shape[0] + 1, fine.width)
     system = System.trusted(fine.A, fine.b, offsets, basis.mesh)
-    arguments = (system, basis, fine.sigma, cell_means(basis.mesh, problem.kappa))
-    options: Any = {
-        "labels": labels or None,
-        "bubbles": plan.bubbles,
-        "vertices": plan.vertices,
-        "layers": plan.layers,
-        "dtype": plan.dtype,
-    }
-    if plan.smoother == "cells":
-        return conforming_stack(*arguments, **options)
-    return grouped_stack(*arguments, **options, overlap=plan.smoother == "patches")
+    return conforming_stack(
+        system,
+        basis,
+        fine.sigma,
+        cell_means(basis.mesh, problem.kappa),
+        labels=labels or None,
+        smoother=plan.smoother,
+        bubbles=plan.bubbles,
+        vertices=plan.vertices,
+        layers=plan.layers,
+        dtype=plan.dtype,
+    )
 
 
 def cells_per_part(plan: Plan, degree: int) -> int:
