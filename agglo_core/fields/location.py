@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import OptionError
+from agglo_core.fields.rules import batches
 from agglo_core.fields.simplices import triangles_of_faces
 from agglo_core.mesh import Mesh
 
@@ -56,13 +57,10 @@ def cells_that_hold(mesh: Mesh, points: Float) -> Int:
     sizes = np.add.reduceat(triangles, offsets[:-1])
     lowest_cells = np.full(len(points), mesh.n_cells)
     # 2. Winding numbers, in batches of triangles
-    ends, first = np.concatenate(([0], np.cumsum(sizes[cells]))), 0
-    while first < len(cells):
-        stop = max(first + 1, int(np.searchsorted(ends, ends[first] + _TRIANGLES, "right")) - 1)
+    for first, stop in batches(np.concatenate(([0], np.cumsum(sizes[cells]))), _TRIANGLES):
         part = slice(first, stop)
         inside = _winding_numbers(mesh, points[candidates[part]], cells[part]) > _INSIDE
         np.minimum.at(lowest_cells, candidates[part][inside], cells[part][inside])
-        first = stop
     return frozen_int(np.where(lowest_cells < mesh.n_cells, lowest_cells, -1))
 
 

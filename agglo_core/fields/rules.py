@@ -35,6 +35,23 @@ class Batch(NamedTuple):
         return frozen_int(self.first + np.repeat(np.arange(len(sizes)), sizes))
 
 
+def batches(offsets: Int, most: int) -> Iterator[tuple[int, int]]:
+    """Yield ranges ``first … stop`` of lists with at most ``most`` items together, but at least one list.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.fields.rules import batches
+    >>> list(batches(np.array([0, 2, 4, 9, 10]), 4))
+    [(0, 2), (2, 3), (3, 4)]
+    """
+    first = 0
+    while first < len(offsets) - 1:
+        stop = max(first + 1, int(np.searchsorted(offsets, offsets[first] + most, "right")) - 1)
+        yield first, stop
+        first = stop
+
+
 def inside(mesh: Mesh, degree: int) -> Iterator[Batch]:
     """Yield quadrature points inside the cells, exact up to a degree, in batches of cells.
 
@@ -46,10 +63,7 @@ def inside(mesh: Mesh, degree: int) -> Iterator[Batch]:
     offsets, corners = triangulate(mesh) if mesh.dim == 2 else tetrahedra_of_solids(mesh)
     reference, weights = simplex_rule(mesh.dim, degree // 2 + 1)
     ends = offsets * len(weights)
-    first = 0
-    while first < mesh.n_cells:
-        # Each batch has at least one cell, otherwise at most _POINTS points
-        stop = max(first + 1, int(np.searchsorted(ends, ends[first] + _POINTS, "right")) - 1)
+    for first, stop in batches(ends, _POINTS):
         chosen = corners[offsets[first] : offsets[stop]]
         edges = chosen[:, 1:] - chosen[:, :1]
         points = chosen[:, None, 0]
@@ -61,7 +75,6 @@ def inside(mesh: Mesh, degree: int) -> Iterator[Batch]:
             frozen_float(points.reshape(-1, mesh.dim)),
             frozen_float((_determinants(edges)[:, None] * weights).ravel()),
         )
-        first = stop
 
 
 def _determinants(edges: Float) -> Float:

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.authoring import Float, Int, Mask, MeshError, frozen_float, frozen_int
+from agglo_core.authoring import Float, Int, Mask, MeshError, frozen_float
+from agglo_core.fields.rules import batches
 from agglo_polydg_mg.elasticity.material import (
     FaceWeights,
     Material,
@@ -58,28 +59,19 @@ def elastic_penalty(basis: Basis, material: Material, penalised: Mask) -> Float:
     pieces, sides, cells = pieces[order], sides[order], cells[order]
     requirements = np.zeros((mesh.n_faces, 2))
     size = (m * mesh.dim * (mesh.dim + 1) // 2) ** 2
-    count = max(1, _NUMBERS // size)
     starts = np.searchsorted(cells, np.arange(n + 1))
-    first = 0
-    while first < n:
-        stop = max(first + 1, int(np.searchsorted(starts, starts[first] + count, "right")) - 1)
+    for first, stop in batches(starts, _NUMBERS // size):
         part = slice(starts[first], starts[stop])
         if starts[stop] > starts[first]:
-            own = rule._replace(
-                faces=frozen_int(rule.faces[pieces[part]]),
-                points=frozen_float(rule.points[pieces[part]]),
-                weights=frozen_float(rule.weights[pieces[part]]),
-                normals=frozen_float(rule.normals[pieces[part]]),
-            )
-            _ask(basis, material, weights, own, sides[part], cells[part], inverse, requirements)
-        first = stop
+            own = rule.part(pieces[part])
+            _require(basis, material, weights, own, sides[part], cells[part], inverse, requirements)
     # 2. Thin cells by simplices
     if thin.any():
-        _ask_simplices(basis, weights, material, penalised, thin, requirements)
+        _require_by_simplices(basis, weights, material, penalised, thin, requirements)
     return frozen_float(requirements.sum(axis=1) / (1.0 - MARGIN) ** 2)
 
 
-def _ask(
+def _require(
     basis: Basis,
     material: Material,
     weights: FaceWeights,
@@ -117,7 +109,7 @@ def _ask(
     requirements[faces, sides] = ratio * np.repeat(largest, np.diff(starts, append=count))
 
 
-def _ask_simplices(
+def _require_by_simplices(
     basis: Basis, weights: FaceWeights, material: Material, penalised: Mask, thin: Mask, requirements: Float
 ) -> None:
     """Replace the ``requirements (n_faces, 2)`` of ``thin`` cells by those from simplices on their faces.

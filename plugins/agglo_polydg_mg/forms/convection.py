@@ -14,7 +14,7 @@ import numpy as np
 from agglo_core.authoring import Diffusion, Float, Int, Mesh, OptionError, frozen_float, frozen_int
 from agglo_core.fields.boundary import BoundaryParts
 from agglo_core.fields.coefficients import velocity
-from agglo_core.fields.rules import inside
+from agglo_core.fields.rules import batches, inside
 from agglo_polydg_mg.forms.boundary import rule_of, sum_per_cell
 from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule
 from agglo_polydg_mg.space.basis import Basis
@@ -79,17 +79,14 @@ def _add_cells(basis: Basis, b: Any, blocks: Float) -> None:
     for batch in inside(mesh, 2 * basis.degree + 3):
         cells = batch.cells
         speed = b(batch.points + mesh.origin) if callable(b) else b[cells]
-        n, ends, first = len(batch.offsets) - 1, batch.offsets, 0
-        while first < n:
-            last = int(np.searchsorted(ends, ends[first] + _NUMBERS // m**2, "right")) - 1
-            last = max(first + 1, last)
+        ends = batch.offsets
+        for first, last in batches(ends, _NUMBERS // m**2):
             part = slice(ends[first], ends[last])
             points, own = batch.points[part], cells[part]
             slopes = np.einsum("qd,qdk->qk", speed[part], basis.gradients(own, points))
             values = basis.values(own, points) * batch.weights[part, None]
             sums = np.add.reduceat(values[:, :, None] * slopes[:, None], ends[first:last] - ends[first])
             blocks[places[batch.first + first : batch.first + last]] += sums
-            first = last
 
 
 def _add_faces(basis: Basis, b: Any, boundary: BoundaryParts, blocks: Float) -> None:
