@@ -140,22 +140,22 @@ class PolyDGElasticity:
         """
         return self.fine_from(self.assembled(problem, mesh), problem, mesh)
 
-    def fine_from(self, found: Assembled, problem: Problem, mesh: Mesh) -> solvers.FineSystem:
+    def fine_from(self, assembled: Assembled, problem: Problem, mesh: Mesh) -> solvers.FineSystem:
         """Return an assembled system in the form that solvers require, scaled by powers of two."""
-        A, b = found.system.A, found.system.b
+        A, b = assembled.system.A, assembled.system.b
         if not (np.isfinite(b).all() and np.isfinite(A.data).all()):
             raise OptionError("the matrix or the right-hand side contains values that are not finite")
         factor, of_matrix = solvers.factor_for(float(np.abs(b).max(initial=0.0))), solvers.matrix_factor(A)
         scaled = frozen_float(factor * b)
-        measure = self._measure(found, _elasticity(problem), scaled, factor, of_matrix)
+        measure = self._measure(assembled, _elasticity(problem), scaled, factor, of_matrix)
         return solvers.FineSystem(
             A if of_matrix == 1.0 else A * of_matrix,
             scaled,
-            mesh.dim * found.basis.n_local,
+            mesh.dim * assembled.basis.n_local,
             measure,
             full=scaled,
             factor=factor,
-            sigma=found.sigma,
+            sigma=assembled.sigma,
             meaning=(self, mesh, problem),
             matrix_factor=of_matrix,
         )
@@ -264,11 +264,11 @@ class PolyDGElasticity:
 
     def residual_measure(self, problem: Problem, mesh: Mesh, b: Float) -> solvers.ResidualMeasure:
         """Return the function by which solvers measure residuals, for the right-hand side ``b (n,)``."""
-        found = self.assembled(problem, mesh)
-        return self._measure(found, _elasticity(problem), b)
+        assembled = self.assembled(problem, mesh)
+        return self._measure(assembled, _elasticity(problem), b)
 
     def _measure(
-        self, found: Assembled, problem: Elasticity, b: Float, factor: float = 1.0, of_matrix: float = 1.0
+        self, assembled: Assembled, problem: Elasticity, b: Float, factor: float = 1.0, of_matrix: float = 1.0
     ) -> solvers.ResidualMeasure:
         """Return the residual measure of a system times ``of_matrix``, with b times ``factor``.
 
@@ -276,17 +276,18 @@ class PolyDGElasticity:
         """
         norm: Callable[[Float], float] | None = None
         if any(callable(each) or np.any(each) for each in problem.displacement.values()):
-            energy, back = ElasticNorm(found.basis, problem, found.material, found.sigma), of_matrix / factor
+            _, basis, material, sigma = assembled
+            energy, back = ElasticNorm(basis, problem, material, sigma), of_matrix / factor
 
             def norm(x: Float) -> float:
                 return float(np.sqrt(of_matrix) / back * energy(back * x))
 
-        mesh = found.basis.mesh
+        mesh = assembled.basis.mesh
         h = mesh.cell_measures.mean() ** (1 / mesh.dim)
-        stiffness = found.material.acoustic[:, 1] + h**2 * problem.reactions(mesh.n_cells)
+        stiffness = assembled.material.acoustic[:, 1] + h**2 * problem.reactions(mesh.n_cells)
         if stiffness.min() == stiffness.max():
             return solvers.ResidualMeasure(b, norm=norm)
-        kappa = np.repeat(stiffness, mesh.dim * found.basis.n_local)
+        kappa = np.repeat(stiffness, mesh.dim * assembled.basis.n_local)
         return solvers.ResidualMeasure(b, frozen_float(kappa), norm=norm)
 
 

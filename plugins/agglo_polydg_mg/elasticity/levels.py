@@ -41,7 +41,7 @@ the function across them. A smaller value corrects by large functions."""
 
 
 def elastic_stack(
-    found: Assembled,
+    assembled: Assembled,
     A: Any,
     labels: Sequence[Int] = (),
     *,
@@ -52,7 +52,7 @@ def elastic_stack(
 
     Parameters
     ----------
-    found : Assembled
+    assembled : Assembled
     A : (n, n) bsr
         The matrix, which may be scaled.
     labels : sequence of (n_cells,) int
@@ -68,16 +68,16 @@ def elastic_stack(
         If a block of the matrix is not positive definite.
     """
     # 1. The continuous space of each component, and the matrix of its vector functions
-    basis, dim = found.basis, found.basis.mesh.dim
+    basis, dim = assembled.basis, assembled.basis.mesh.dim
     if dim == 2:
-        scalar = conforming_space(basis, found.sigma, found.material.acoustic[:, 1])
+        scalar = conforming_space(basis, assembled.sigma, assembled.material.acoustic[:, 1])
     else:
         scalar = solid_space(basis)
     scalar, values = exact_for_linear(scalar, basis)
     space = component_space(scalar, dim)
     C = space.galerkin(in_components(A, dim), _ROUNDING, _SMALL_BUBBLES)
     # 2. Cells, and below them vertices and bubbles if there are any
-    top, scaling = _first_level(found, A, space, groups, dtype)
+    top, scaling = _first_level(assembled, A, space, groups, dtype)
     levels, n = [top], space.n_vertices
     if space.n > n:
         inject = sparse.csr_array(sparse.eye_array(space.n, n, dtype=dtype))
@@ -100,16 +100,16 @@ def elastic_stack(
 
 
 def _first_level(
-    found: Assembled, A: Any, space: ConformingSpace, groups: bool, dtype: Any
+    assembled: Assembled, A: Any, space: ConformingSpace, groups: bool, dtype: Any
 ) -> tuple[multigrid.Level, Any]:
     """Return the level of the cells, and the transformation of its unknowns if cells are grouped."""
-    offsets, mesh = found.system.block_offsets, found.basis.mesh
+    offsets, mesh = assembled.system.block_offsets, assembled.basis.mesh
     if not groups:
         matrix = multigrid.block_matrix(A, offsets, dtype, symmetric=True)
         sweeps: multigrid.LevelSmoother = multigrid.GaussSeidel.on(matrix)
         return multigrid.Level(A, offsets, space.prolongation(dtype), sweeps), None
     scaled = multigrid.block_scaled(A)
-    joined = multigrid.joined_patches(strong_pairs(mesh, found.sigma), mesh.n_cells)
+    joined = multigrid.joined_patches(strong_pairs(mesh, assembled.sigma), mesh.n_cells)
     sweeps = multigrid.VertexPatches(scaled.A, joined, dtype)
     P = sparse.csr_array(scaled.LT @ space.prolongation()).astype(dtype)
     return multigrid.Level(sweeps.A, offsets, P, sweeps, patches=joined), scaled.T

@@ -31,16 +31,16 @@ class ElasticityTask(DiffusionTask):
     def __init__(self, problem: Any, hierarchy: Any, how: Any, *rest: Any) -> None:
         super().__init__(problem, hierarchy, how.of_kind(problem.kind), *rest)
 
-    def _assembled(self, mesh: Mesh, kept: Kept | None) -> solvers.FineSystem:
-        self._found: Assembled = self._how.assembled(self.problem, mesh, self.basis)
-        fine: solvers.FineSystem = self._how.fine_from(self._found, self.problem, mesh)
+    def _discretise(self, mesh: Mesh, kept: Kept | None) -> solvers.FineSystem:
+        self._assembled: Assembled = self._how.assembled(self.problem, mesh, self.basis)
+        fine: solvers.FineSystem = self._how.fine_from(self._assembled, self.problem, mesh)
         return fine
 
     def _choose(self, overrides: Overrides) -> Plan:
         if overrides.recipe == "patches":
             raise OptionError("recipe 'patches' is for diffusion problems; for elasticity use recipe='auto'")
-        given, sigma = replace(overrides, recipe="auto"), self._found.sigma
-        stiffness, diagonal = self._found.material.acoustic[:, 1], self.fine.A.diagonal()
+        given, sigma = replace(overrides, recipe="auto"), self._assembled.sigma
+        stiffness, diagonal = self._assembled.material.acoustic[:, 1], self.fine.A.diagonal()
         plan = choose(self.basis.mesh, sigma, stiffness, self.basis.degree, given, diagonal)
         recipe: Any = overrides.recipe
         if recipe == "auto":
@@ -84,11 +84,11 @@ class ElasticityTask(DiffusionTask):
         """Return the cell count on the finest level, and None on levels of vertices or aggregates."""
         return self.hierarchy.graph.n, *(None for _ in stack.levels[1:])
 
-    def _built(self, fine: solvers.FineSystem) -> multigrid.LevelStack:
-        dtype, found = self.plan.dtype, self._found
+    def _build_levels(self, fine: solvers.FineSystem) -> multigrid.LevelStack:
+        dtype, assembled = self.plan.dtype, self._assembled
         if self.plan.recipe == "conforming":
             return elastic_stack(
-                found, fine.A, self.labels, groups=self.plan.smoother == "groups", dtype=dtype
+                assembled, fine.A, self.labels, groups=self.plan.smoother == "groups", dtype=dtype
             )
-        parts = found.system.block_offsets, None, found.system.near_null
+        parts = assembled.system.block_offsets, None, assembled.system.near_null
         return multigrid.stack_of_system(System.trusted(fine.A, fine.b, *parts), self.labels, dtype)

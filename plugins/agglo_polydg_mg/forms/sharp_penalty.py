@@ -87,14 +87,14 @@ def _plane_requirements(
     points, (offsets, faces), sides = mesh.local_points, mesh.cell_faces, (mesh.face_pairs, mesh.face_cells)
     of_cells, requirements = (basis.boxes, basis.scale, basis.fill, blocks), np.zeros((mesh.n_faces, 2))
 
-    def ask(start: int, stop: int) -> np.ndarray:
+    def require(start: int, stop: int) -> np.ndarray:
         cell_data = [a[start:stop] for a in of_cells]
         shape = points, offsets[start : stop + 1], faces, *sides, start
         return np.asarray(
             side_penalties(*shape, penalised, *cell_data, *on_faces, *gauss(rule), basis.degree, requirements)
         )
 
-    return requirements, np.concatenate(over_ranges(ask, mesh.n_cells, few=COSTLY))
+    return requirements, np.concatenate(over_ranges(require, mesh.n_cells, few=COSTLY))
 
 
 def _by_simplices(

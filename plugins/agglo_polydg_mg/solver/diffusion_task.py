@@ -94,14 +94,14 @@ class DiffusionTask:
         self._how, self._mesh, self._problem = how, hierarchy.fine, problem
         try:
             self.basis: Basis = earlier.basis or how.basis(self.numbering.mesh)
-            self.fine = self._assembled(solvers.own_mesh(self.hierarchy), earlier.kept)
+            self.fine = self._discretise(solvers.own_mesh(self.hierarchy), earlier.kept)
         except AggloError:
             if self.numbering.cells is not None:
                 # Raise the error with the user's cell numbers
                 how.fine_system(problem, solvers.own_mesh(hierarchy))
             raise
 
-    def _assembled(self, mesh: Mesh, kept: Kept | None) -> solvers.FineSystem:
+    def _discretise(self, mesh: Mesh, kept: Kept | None) -> solvers.FineSystem:
         """Discretise the problem on a mesh."""
         return self._how.fine_system(self.problem, mesh, self.basis, kept)
 
@@ -223,7 +223,7 @@ class DiffusionTask:
         """
         for more in _SHIFTS:
             try:
-                return self._built(self._shifted(more))
+                return self._build_levels(self._shifted(more))
             except np.linalg.LinAlgError:
                 self.use_double()
         self._plan = replace(
@@ -231,13 +231,13 @@ class DiffusionTask:
             reason=(f"{self.plan.reason}; levels built with the diagonal increased by {_LARGEST_SHIFT:g}"),
         )
         try:
-            return self._built(self._shifted(_LARGEST_SHIFT))
+            return self._build_levels(self._shifted(_LARGEST_SHIFT))
         except np.linalg.LinAlgError:
             if not self.change_method():
                 raise
         return self.stack()
 
-    def _built(self, fine: solvers.FineSystem) -> Any:
+    def _build_levels(self, fine: solvers.FineSystem) -> Any:
         """Build the levels of the plan for a system."""
         return build(self.plan, self.problem, fine, self.basis, self.labels)
 
