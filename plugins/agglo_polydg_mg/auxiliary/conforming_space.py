@@ -171,26 +171,13 @@ def conforming_space(
     at_ends = np.where(ends < 0, -1, unknowns[ends])
     corners = np.bincount(unknowns, minlength=n_vertices)
     isolated = _faces_with_own_ends(mesh, at_ends, corners, orthogonal and n > n_vertices)
-    nodes, weights = gauss(p + 1)
     # 4. Fit polynomials to the traces
-    max_rows = len(unknowns) + 2 * (n - n_vertices)
+    nodes, weights = gauss(p + 1)
+    rule = frozen_float(0.5 * (nodes + 1.0)), frozen_float(0.5 * weights)
+    numbers = ends, starts, unknowns, first, isolated, _orthogonal(extra)
+    limits = _REGULARISATION, _SQUARES, len(unknowns) + 2 * (n - n_vertices)
     cells, indices, fitted = fit_traces(
-        mesh.local_points,
-        *topology,
-        ends,
-        starts,
-        unknowns,
-        first,
-        isolated,
-        frozen_float(_orthogonal(extra)),
-        basis.boxes,
-        basis.scale,
-        p,
-        frozen_float(0.5 * (nodes + 1.0)),
-        frozen_float(0.5 * weights),
-        _REGULARISATION,
-        _SQUARES,
-        max_rows,
+        mesh.local_points, *topology, *numbers, basis.boxes, basis.scale, p, *rule, *limits
     )
     # 5. Renumber: cells with many corners leave some unknowns unused
     in_use = np.zeros(n, bool)

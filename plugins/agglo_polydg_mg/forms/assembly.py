@@ -42,7 +42,7 @@ from agglo_polydg_mg.forms.convection import add_convection, inflow_load
 from agglo_polydg_mg.forms.face_quadrature import OnFaces, all_faces, on_both_sides
 from agglo_polydg_mg.forms.floating import balanced, floating_parts, hold
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty, face_penalty
-from agglo_polydg_mg.forms.sharp_penalty import sharp_penalty
+from agglo_polydg_mg.forms.sharp_penalty import largest_per_face, sharp_penalty
 from agglo_polydg_mg.forms.side_sums import add_sides
 from agglo_polydg_mg.space.basis import Basis, stiffness
 
@@ -215,9 +215,7 @@ def effective_penalty(basis: Basis, problem: Diffusion, sigma: Float) -> Float:
     faces, means = all_faces(mesh), cell_means(mesh, kappa)
     rows = on_both_sides(mesh, kappa, faces, basis.degree + 2).kappa
     strength = (rows[:, 0] * rows[:, 1] / (rows[:, 0] + rows[:, 1])).max(axis=1)
-    if len(strength) != mesh.n_faces:
-        first = mesh.face_offsets[:-1] - (mesh.dim - 1) * np.arange(mesh.n_faces)
-        strength = np.maximum.reduceat(strength, first)
+    strength = largest_per_face(strength, mesh)
     one, other = means[mesh.face_cells[:, 0]], means[mesh.face_cells[:, 1]]
     other = np.where(mesh.face_cells[:, 1] < 0, one, other)
     return frozen_float(sigma * strength * (one + other) / (one * other))

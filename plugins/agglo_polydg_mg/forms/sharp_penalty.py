@@ -124,7 +124,7 @@ def _by_simplices(
     half = 0.5 * kappa_in * (kappa_out / (kappa_in + kappa_out))  # ωκ/2, equal from both sides
     rows = np.where(_of_rows(mesh, inner, kappa_in)[:, None], half, kappa_in)
     most = np.stack(
-        [_largest_per_face((rows * _share(kappa, on_faces, k)).max(axis=1), mesh) for k in (0, 1)], axis=1
+        [largest_per_face((rows * _share(kappa, on_faces, k)).max(axis=1), mesh) for k in (0, 1)], axis=1
     )
     n_faces = np.bincount(sides.ravel(), counts.ravel(), mesh.n_cells)
     least = _least_kappa(mesh, kappa, p)
@@ -150,7 +150,7 @@ def _of_rows(mesh: Mesh, values: np.ndarray, rows: Float) -> np.ndarray:
     return np.repeat(values, np.diff(mesh.face_offsets) - mesh.dim + 1)
 
 
-def _largest_per_face(rows: Float, mesh: Mesh) -> Float:
+def largest_per_face(rows: Float, mesh: Mesh) -> Float:
     """Return the largest value on each face ``(n_faces,)``, from values per face or per triangle."""
     if len(rows) == mesh.n_faces:
         return rows
