@@ -161,7 +161,7 @@ def conforming_stack(
     patches = multigrid.VertexPatches(scaled.A, groups, dtype)
     top = multigrid.Level(patches.A, system.block_offsets, P, patches, patches=groups)
     if smoother == "patches":
-        levels = _visited(levels, system.A, _SMALL_LEVEL if labels is None else _SMALL_GIVEN)
+        levels = _with_visits(levels, system.A, _SMALL_LEVEL if labels is None else _SMALL_GIVEN)
     return multigrid.LevelStack([top, *levels], below.coarse, dtype, scaled.T)
 
 
@@ -180,14 +180,12 @@ def _groups(mesh: Mesh, sigma: Float, smoother: str) -> Patches:
     """Return the cells that are smoothed together."""
     if smoother == "patches":
         return multigrid.vertex_patches(mesh)
-    return (
-        columns(mesh)[0]
-        if mesh.dim == 3
-        else multigrid.joined_patches(strong_pairs(mesh, sigma), mesh.n_cells)
-    )
+    if mesh.dim == 3:
+        return columns(mesh)[0]
+    return multigrid.joined_patches(strong_pairs(mesh, sigma), mesh.n_cells)
 
 
-def _visited(levels: Sequence[multigrid.Level], A: Any, small: float) -> list[multigrid.Level]:
+def _with_visits(levels: Sequence[multigrid.Level], A: Any, small: float) -> list[multigrid.Level]:
     """Return the levels below ``A``, with two visits if they have few entries beside the level above."""
     above = [A, *(level.A for level in levels)]
     return [

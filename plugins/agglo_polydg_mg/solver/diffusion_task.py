@@ -59,9 +59,6 @@ class Earlier(NamedTuple):
     kept: Kept | None = None
 
 
-NOTHING_EARLIER: Final = Earlier()
-
-
 class DiffusionTask:
     """Diffusion problem discretised on a hierarchy's mesh, with its multigrid levels.
 
@@ -81,13 +78,14 @@ class DiffusionTask:
         how: PolyDG,
         overrides: Overrides,
         count: int | None,
-        earlier: Earlier = NOTHING_EARLIER,
+        earlier: Earlier | None = None,
     ) -> None:
         if hierarchy.fine is None:
             raise OptionError(
                 "a diffusion problem requires a mesh, but this hierarchy belongs to a graph without a "
                 "mesh: agglomerate the Mesh instead"
             )
+        earlier = earlier or Earlier()
         self.numbering = earlier.numbering or numbering_for(hierarchy)
         self.problem, self.hierarchy = self.numbering.problem(problem), self.numbering.hierarchy
         self.count, self._overrides, self._plan = count, overrides, earlier.plan

@@ -27,7 +27,7 @@ from agglo_polydg_mg.elasticity.task import ElasticityTask
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.choose import Overrides
 from agglo_polydg_mg.solver.convection_task import ConvectionTask
-from agglo_polydg_mg.solver.diffusion_task import NOTHING_EARLIER, DiffusionTask, Earlier
+from agglo_polydg_mg.solver.diffusion_task import DiffusionTask, Earlier
 
 Task = DiffusionTask | solvers.LinearTask
 
@@ -38,7 +38,7 @@ def task_for(
     how: Any,
     overrides: Overrides,
     count: int | None,
-    earlier: Earlier = NOTHING_EARLIER,
+    earlier: Earlier | None = None,
 ) -> Task:
     """Check that a problem fits a hierarchy, and discretise it unless it is a linear system.
 
@@ -50,7 +50,8 @@ def task_for(
         fine = solvers.fine_system(problem, hierarchy, how)
         return solvers.DiscretisedTask(fine, overrides.cycle, overrides.precision)
     if isinstance(problem, Diffusion) and solvers.has_convection(problem):
-        return ConvectionTask(problem, hierarchy, how, overrides, count, earlier._replace(plan=None))
+        earlier = (earlier or Earlier())._replace(plan=None)
+        return ConvectionTask(problem, hierarchy, how, overrides, count, earlier)
     if isinstance(problem, Diffusion | Elasticity):
         made: Any = DiffusionTask if isinstance(problem, Diffusion) else ElasticityTask
         task: Task = made(problem, hierarchy, how, overrides, count, earlier)

@@ -23,7 +23,7 @@ from agglo_core.authoring import (
 from agglo_core.threads import one_blas_thread
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.choose import Overrides, Plan
-from agglo_polydg_mg.solver.diffusion_task import NOTHING_EARLIER, DiffusionTask, Earlier
+from agglo_polydg_mg.solver.diffusion_task import DiffusionTask, Earlier
 from agglo_polydg_mg.solver.earlier_solutions import KEPT, best_combination
 from agglo_polydg_mg.solver.equal_matrices import coefficients_of, equal_coefficients
 from agglo_polydg_mg.solver.phases import Task, build_solution, iterate, set_up, task_for, zero_solution
@@ -114,7 +114,7 @@ class RepeatedSolves:
             coefficients, kept = coefficients_of(problem), None
             if isinstance(self._task, DiffusionTask) and equal_coefficients(coefficients, self._coefficients):
                 kept = self._task.kept
-            earlier = self._geometry.get(getattr(problem, "kind", ""), NOTHING_EARLIER)
+            earlier = self._geometry.get(getattr(problem, "kind", ""), Earlier())
             task = task_for(problem, *self._made_of, earlier._replace(plan=plan, kept=kept))
             self._task, self._coefficients = task, coefficients
         return self._solve(_with_load(task, load), watch, progress)
