@@ -86,7 +86,7 @@ CONSTANTS: Mapping[str, tuple[str, ...]] = {
         "agglo_core/problems/residuals/stiff_springs.py:_HIDDEN",
     ),
     "errors": (
-        "plugins/agglo_polydg_mg/forms/norms.py:_FACES",
+        "plugins/agglo_polydg_mg/forms/jump_operator.py:_FACES",
         "agglo_core/fields/errors.py:_STEP",
         "agglo_core/fields/rules.py:_POINTS",
         "agglo_core/fields/location.py:_TRIANGLES",

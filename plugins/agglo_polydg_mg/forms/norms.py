@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.authoring import Diffusion, Field, Float, Int, Mask, Mesh, OptionError, frozen_int
+from agglo_core.authoring import Diffusion, Field, Float, Int, Mask, Mesh, OptionError
 from agglo_core.fields.boundary import BoundaryParts, boundary_values
 from agglo_core.fields.coefficients import positive
 from agglo_core.fields.errors import error_norms
@@ -24,18 +23,12 @@ from agglo_polydg_mg.forms.boundary import (
     robin_terms,
 )
 from agglo_polydg_mg.forms.coefficients import reaction_blocks
-from agglo_polydg_mg.forms.face_quadrature import face_coefficients, face_rule, on_pieces
-from agglo_polydg_mg.forms.jump_operator import JumpOperator, jump_operator
+from agglo_polydg_mg.forms.face_quadrature import face_coefficients
+from agglo_polydg_mg.forms.jump_operator import JumpOperator, Outside, fit_in_memory, jump_operators
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty
 from agglo_polydg_mg.space.basis import Basis, stiffness
 
-# Faces per batch: limits the memory for the traces at their quadrature points (benchmarks/constants.py)
-_FACES = 20_000
-
-_WITHOUT_DATA = ("_boundary", "_kappa", "_blocks", "_reaction", "_sigma", "_operator")
-
-Outside = Callable[[Int, Float], Float]
-"""Outer values ``(t, q)`` on boundary faces ``(t,)`` at points ``(t, q, d)`` relative to the origin."""
+_WITHOUT_DATA = ("_boundary", "_kappa", "_blocks", "_reaction", "_sigma", "_operators")
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +53,10 @@ class EnergyNorm:
             inside += float(np.einsum("ci,cij,cj->", u, self._reaction, u, optimize=True))
         if self._robin is not None:
             inside += self._robin.energy(u)
-        if self._operator is not None:
-            return float(np.sqrt(inside + self._operator.square(x, self._targets)))
-        return float(np.sqrt(inside + jumps(self.basis, x, self._data, self._kappa, self._sigma)))
+        if self._operators is None:
+            return float(np.sqrt(inside + jumps(self.basis, x, self._data, self._kappa, self._sigma)))
+        pairs = zip(self._operators, self._targets, strict=True)
+        return float(np.sqrt(inside + sum(each.square(x, targets) for each, targets in pairs)))
 
     def with_data(self, problem: Diffusion) -> EnergyNorm:
         """Return the norm for a problem with an equal matrix, reusing all parts without data."""
@@ -76,13 +70,13 @@ class EnergyNorm:
         return g - self._offset[mesh.face_cells[faces, 0], None]
 
     @cached_property
-    def _operator(self) -> JumpOperator | None:
-        return jump_operator(self.basis, self._kappa, self._sigma)
+    def _operators(self) -> list[JumpOperator] | None:
+        parts = self.basis, self._kappa, self._sigma
+        return list(jump_operators(*parts)) if fit_in_memory(*parts) else None
 
     @cached_property
-    def _targets(self) -> Float:
-        assert self._operator is not None
-        return self._data(self._operator.faces, self._operator.points)
+    def _targets(self) -> list[Float]:
+        return [each.targets(self._data) for each in self._operators or ()]
 
     @cached_property
     def _boundary(self) -> BoundaryParts:
@@ -114,40 +108,18 @@ class EnergyNorm:
         return jump_penalty(self.basis, self._kappa, self.penalty, natural, inside=self._blocks)
 
 
+def jumps(basis: Basis, x: Float, outside: Outside, kappa: Field | Tensor, sigma: Float) -> float:
+    """Return Σ_F γσ ‖[u]‖² over inner and Dirichlet faces, for coefficients ``x (n,)``."""
+    operators = jump_operators(basis, kappa, sigma)
+    return sum(each.square(x, each.targets(outside)) for each in operators)
+
+
 def offset_of(basis: Basis, problem: Diffusion) -> Float:
     """Compute the :func:`~agglo_polydg_mg.forms.boundary.data_offset` ``(n_cells,)`` of a problem."""
     mesh, boundary = basis.mesh, boundary_faces(basis.mesh, problem)
     kappa = positive(mesh, problem.kappa)
     own = face_coefficients(mesh, kappa, boundary.dirichlet, basis.degree + 2)[:, 0]
     return data_offset(basis, problem, boundary, own)
-
-
-def jumps(basis: Basis, x: Float, outside: Outside, kappa: Field | Tensor, sigma: Float) -> float:
-    """Return Σ_F γσ ‖[u]‖² over inner and Dirichlet faces, for coefficients ``x (n,)``."""
-    mesh, n, total = basis.mesh, basis.degree + 4, 0.0
-    penalised = np.flatnonzero(sigma > 0)
-    for first in range(0, len(penalised), _FACES):
-        # 1. Quadrature points and coefficients
-        faces = frozen_int(penalised[first : first + _FACES])
-        rule = face_rule(mesh, faces, n)
-        piece_faces, points = rule.faces, rule.points
-        inner, kappas = (
-            mesh.face_cells[piece_faces, 1] >= 0,
-            on_pieces(face_coefficients(mesh, kappa, faces, n), faces, rule),
-        )
-        # 2. Jumps to the neighbour, or to the outer values
-        jump = _traces(basis, x, mesh.face_cells[piece_faces, 0], points)
-        jump[inner] -= _traces(basis, x, mesh.face_cells[piece_faces[inner], 1], points[inner])
-        jump[~inner] -= outside(frozen_int(piece_faces[~inner]), points[~inner])
-        # 3. Weighted sum of squares
-        harmonic = 2 * kappas[:, 0] * (kappas[:, 1] / kappas.sum(axis=1))  # κ itself if both sides agree
-        total += float((rule.weights * sigma[piece_faces, None] * harmonic * jump**2).sum())
-    return total
-
-
-def _traces(basis: Basis, x: Float, cells: Int, points: Float) -> Float:
-    """Evaluate the function with coefficients ``x`` in ``cells (f,)`` at ``points (f, q, d)``: ``(f, q)``."""
-    return np.asarray(np.einsum("tqk,tk->tq", basis.values(cells, points), basis.coefficients(x)[cells]))
 
 
 class Errors(NamedTuple):
