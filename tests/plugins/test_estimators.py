@@ -205,14 +205,14 @@ def test_the_largest_indicator_is_at_the_largest_error() -> None:
 
 def test_other_solutions_are_refused() -> None:
     mesh = samples.squares(4)
-    bent = agglo.solve(mesh, agglo.Elasticity(), degree=1)
+    bent = agglo.solve(mesh, agglo.Elasticity(), "direct", degree=1)
     for estimator in (Residual(), Hierarchical()):
         with pytest.raises(OptionError, match="given a solution of Elasticity by PolyDGElasticity"):
             estimator.indicate(bent)
     with pytest.raises(OptionError, match="given a solution of Diffusion by VirtualElements"):
         Hierarchical().indicate(agglo.solve(mesh, Diffusion(), discretisation="vem"))
     with pytest.raises(OptionError, match="6 is the largest degree"):
-        Hierarchical().indicate(solved(mesh, Diffusion(), 6))
+        Hierarchical().indicate(agglo.solve(mesh, Diffusion(), "direct", degree=6))
     with pytest.raises(OptionError, match="tolerance"):
         Hierarchical(tolerance=2.0)
 

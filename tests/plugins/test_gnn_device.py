@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -22,6 +24,7 @@ from agglo_gnn.paper.network import inorm  # noqa: E402
 SPECS = ("voronoi:n=300,seed=4", "random_triangles:n=150,seed=2", "squares:n=16")
 
 
+@cache
 def graph_of(spec):
     return agglo.samples.from_spec(spec).graph
 

@@ -19,7 +19,7 @@ def random_cut(hierarchy: Hierarchy, rng: np.random.Generator) -> Cut:
 
 @pytest.mark.parametrize(("dim", "degree"), [(2, 1), (2, 3), (3, 1)])
 def test_a_transfer_is_the_l2_projection_and_preserves_the_integral(dim: int, degree: int) -> None:
-    mesh = samples.random_triangles(400, seed=3) if dim == 2 else samples.random_tetrahedra(100, seed=3)
+    mesh = samples.random_triangles(200, seed=3) if dim == 2 else samples.random_tetrahedra(40, seed=3)
     hierarchy, rng = agglo.agglomerate(mesh, cells_per_part=(4, 16, 64)), np.random.default_rng(degree)
     old, new, cells = (*(random_cut(hierarchy, rng) for _ in range(2)), hierarchy.cut_at(-1))
     problem = Diffusion(source=lambda x: np.exp(3.0 * x[:, 0]))

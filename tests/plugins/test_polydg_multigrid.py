@@ -28,7 +28,7 @@ MESHES: dict[str, tuple[Callable[[int], Mesh], tuple[int, int, int]]] = {
     "random_triangles": (lambda n: samples.random_triangles(n // 2, seed=FRESH), (16, 8, 8)),
 }
 """Meshes of about n cells, and the most iterations to 1e-6 at degrees 1, 2, 3."""
-HIGH = [pytest.param(4, marks=pytest.mark.slow), 5, 6]
+HIGH = [*(pytest.param(degree, marks=pytest.mark.slow) for degree in (4, 5)), 6]
 """From degree 5 on kernels take blocks of any width; that of degree 4 is compiled for slow tests alone."""
 
 

@@ -172,7 +172,7 @@ def test_lights_and_lines(tmp_path: Path) -> None:
 
 
 def test_solids_are_drawn(tmp_path: Path) -> None:
-    mesh, path = samples.layered(8), tmp_path / "a.svg"
+    mesh, path = samples.layered(4), tmp_path / "a.svg"
     hierarchy = agglomerate(mesh, cells_per_part=(4, 16), regions="material")
     draw(mesh, {"one": hierarchy, "two": hierarchy}, path, explode=0.5, section=(0, -1, 0))
     assert path.read_bytes()[:4] == b"<?xm"

@@ -270,9 +270,8 @@ def test_every_public_function_with_a_registry_is_tested() -> None:
     for file, tree in _trees().items():
         if "cli" in file.parts:
             continue
-        for node in ast.walk(tree):
-            bodies = node.body if isinstance(node, ast.ClassDef | ast.Module) else []
-            for each in bodies:
+        for node in (tree, *(each for each in tree.body if isinstance(each, ast.ClassDef))):
+            for each in node.body:
                 if isinstance(each, ast.FunctionDef) and "registry" in _parameters(each):
                     name = node.name if each.name == "__init__" else each.name  # type: ignore[union-attr]
                     found.add(name)
