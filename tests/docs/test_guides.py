@@ -81,8 +81,10 @@ def run_guide(guide: Path, folder: Path, server: subprocess.Popen[str]) -> Ended
 
 _LONG = (
     "README",
+    "adapt",
     "choose-a-strategy",
     "cut-the-levels",
+    "elasticity",
     "interchange",
     "more-than-one-machine",
     "read-a-report",
@@ -91,13 +93,14 @@ _LONG = (
     "train-a-model",
     "tutorial",
     "use-the-hierarchy-in-your-solver",
+    "virtual-elements",
     "write-a-plugin",
     "write-other-components",
 )
 
 
 def _with_slow_ones() -> list[object]:
-    """The guides, with a mark for those that take most of a minute."""
+    """The guides, with a mark for those that take long."""
     return [
         pytest.param(guide, id=guide.stem, marks=pytest.mark.slow if guide.stem in _LONG else ())
         for guide in GUIDES
