@@ -82,6 +82,7 @@ def demo(
     """
     if quiet:
         quieten()
+    _check_folder(output)
     if electrophysiology:
         source = click.get_current_context().get_parameter_source("factor")
         if bisectors or solid or source is not ParameterSource.DEFAULT:
@@ -90,7 +91,6 @@ def demo(
             )
         return _electrophysiology(output, as_json, quiet)
     bisector_choices = {spec: choice("bisector", spec) for spec in bisectors or _bisectors(quiet, solid)}
-    _check_folder(output)
     from agglo_core import samples
 
     mesh = samples.brain3d() if solid else samples.brain()
@@ -134,7 +134,6 @@ def demo(
 
 def _electrophysiology(folder: Path, as_json: bool, quiet: bool) -> int:
     """Solve the monodomain equation on the section and on agglomerates, and write the results."""
-    _check_folder(folder)
     from agglo_core import samples
     from agglo_core.cli.solving import electrophysiology as model
 
