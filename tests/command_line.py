@@ -6,6 +6,7 @@ See the fixture ``agglo`` in conftest.py.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -14,6 +15,9 @@ import pytest
 from agglo_core.cli import main
 
 __all__ = ["Agglo", "Done", "caller"]
+
+_COMPILING = re.compile("(?m)^note: compiling .*\n")
+"""Note that only the first kernel of a process prints, if it is not on disk."""
 
 
 class Done(NamedTuple):
@@ -48,6 +52,7 @@ def caller(capsys: pytest.CaptureFixture[str]) -> Agglo:
             main(arguments)
         assert isinstance(done.value.code, int)
         assert done.value.code != 143, "somebody sent SIGTERM to the tests, for instance a timeout"
-        return Done(done.value.code, *capsys.readouterr())
+        out, err = capsys.readouterr()
+        return Done(done.value.code, out, _COMPILING.sub("", err))
 
     return call
