@@ -2,25 +2,46 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 
 from agglo_core.arrays import Float, Int
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 
+_SHARE = 0.75
+"""Share of the machine's memory that the construction of a sample may take: work on the mesh needs more."""
 
-def check_size(value: object, least: int, option: str, sample: str, power: int = 1) -> int:
+
+def check_size(
+    value: object, least: int, option: str, sample: str, power: int = 1, memory: float = 200.0
+) -> int:
     """Return ``value`` as an int if it is an integer of at least ``least``, otherwise raise OptionError.
 
     The error names the option and the sample. ``value ** power`` is approximately the cell count, which
-    must be less than 2³¹. A ``power`` of 0 means that the value is not a size.
+    must be less than 2³¹. A ``power`` of 0 means that the value is not a size. The construction needs about
+    ``memory`` bytes per ``value ** power``, and must fit into the machine. The default holds for squares.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise OptionError(f"{option} of sample {sample} must be a whole number >= {least}, not {value!r}")
     most = int((2**31 - 1) ** (1 / power)) if power else value
     if value > most:
         raise OptionError(f"{option} of sample {sample} must be at most {most}, not {int(value)!r:.60}")
+    size, total = memory * int(value) ** power, _machine_memory()
+    if power and size > _SHARE * total:
+        raise OptionError(
+            f"{option} of sample {sample} is too large: {value} needs about {size / 1e9:.3g} GB of memory, "
+            f"and this machine has {total / 1e9:.3g} GB, of which {_SHARE:.0%} can be used"
+        )
     return int(value)
+
+
+def _machine_memory() -> float:
+    """Return the bytes of physical memory, or infinity where the system has no such number."""
+    names = {"SC_PAGE_SIZE", "SC_PHYS_PAGES"}
+    known = names <= getattr(os, "sysconf_names", {}).keys()
+    return float(np.prod([os.sysconf(name) for name in names])) if known else np.inf
 
 
 def _lattice(nx: int, ny: int) -> tuple[Float, Int]:

@@ -160,6 +160,15 @@ def test_bad_sizes_are_refused() -> None:
             samples.squares(size)  # type: ignore[arg-type]
 
 
+def test_samples_that_exceed_the_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("agglo_core.samples.regular._machine_memory", lambda: 1e6)
+    assert samples.squares(61).n_cells == 61**2  # 61² cells of 200 B are just below three quarters of 1 MB
+    assert samples.voronoi(4, seed=10**9).n_cells == 4  # the seed is no size
+    for spec, need in (("squares:62", 0.000769), ("tetrahedra:7", 0.000926), ("voronoi3d:19", 0.00076)):
+        with pytest.raises(OptionError, match=f"needs about {need} GB of memory, .* 0.001 GB, .* 75%"):
+            samples.from_spec(spec)
+
+
 def test_every_sample_is_listed() -> None:
     assert set(samples.names()) == set(samples.__all__) - {"names", "from_spec"}
 
