@@ -65,9 +65,14 @@ def build_polyhedra(
     loop_offsets, vertices = solids.loop_offsets, solids.vertices
     cell_of = frozen_int(np.repeat(cell_numbers, np.diff(solids.cell_offsets)))
     owner, neighbour = _match(cell_of, loop_offsets, vertices, used_points)
+    sides = np.empty((len(owner), 2), np.int64)
+    sides[:, 0] = cell_of[owner]
+    sides[:, 1] = np.where(neighbour >= 0, cell_of[neighbour], -1)
+    doubled = np.flatnonzero(sides[:, 0] == sides[:, 1])
+    if len(doubled):
+        raise MeshError(f"{name_cells(np.unique(sides[doubled, 0]))}: the same face twice")
     _refuse_overlaps(cell_of, owner, neighbour, local, loop_offsets, vertices, sign)
     keep_offsets, keep_vertices = _take_loops(loop_offsets, vertices, owner, sign[owner] > 0)
-    sides = np.stack((cell_of[owner], np.where(neighbour >= 0, cell_of[neighbour], -1)), axis=1)
     if len(cell_numbers) < n:  # renumber the cells and drop the points of removed cells
         sides = np.where(sides >= 0, np.searchsorted(cell_numbers, sides), -1)
         remaining, keep_vertices, later_repairs = compact_points(points, keep_vertices, False)
@@ -183,9 +188,6 @@ def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used_points: Int) -> 
     partner = partners[owner]
     if not len(partners):
         owner, partner = _pair_by_sorting(cell_of, loop_offsets, vertices, used_points)
-    doubled = np.flatnonzero((partner >= 0) & (cell_of[owner] == cell_of[partner]))
-    if len(doubled):
-        raise MeshError(f"{name_cells(np.unique(cell_of[owner[doubled]]))}: the same face twice")
     return frozen_int(owner), frozen_int(partner)
 
 

@@ -108,7 +108,7 @@ def _candidates(outer: Outer) -> Iterator[Int]:
     power = np.frexp(outer.radius[real])[1]
     for level in np.unique(power):
         group, not_larger = real[power == level], real[power <= level]
-        size = np.ldexp(1.0, int(level))  # upper bound of these radii
+        size = outer.radius[group].max()
         turn = 2 * size * outer.normal
         coordinates = np.concatenate((outer.centre, turn), axis=1)[group]
         partner_tree = cKDTree(np.concatenate((outer.centre, -turn), axis=1)[not_larger])

@@ -75,9 +75,30 @@ def cell_surfaces(points, cell_offsets, loop_offsets, vertices, sums):
         first = cell_offsets[c]
         count = cell_offsets[c + 1] - first
         for i in range(count):
-            f = first + i
-            _write_moments(points, vertices, loop_offsets[f], loop_offsets[f + 1], vector, centre, i)
+            start, stop = loop_offsets[first + i], loop_offsets[first + i + 1]
+            if stop - start > 3:
+                _write_moments(points, vertices, start, stop, vector, centre, i)
+                continue
+            a, b, d = vertices[start], vertices[start + 1], vertices[start + 2]
+            vector[i, 0], vector[i, 1], vector[i, 2] = _half_cross(points, a, b, d)
+            for k in range(3):
+                centre[i, k] = (points[a, k] + points[b, k] + points[d, k]) / 3.0
         add_surface(np.int64(0), count, vector, centre, sums, c)
+
+
+@helper(inline=True)
+def _are_opposite(vertices, offsets, i, j, sign):
+    """Return True if two loops of the same three vertices have opposite directions, with ``sign`` 1.
+
+    With ``sign`` −1, return True for equal directions. Longer loops return False.
+    """
+    a, b, stop = offsets[i], offsets[j], offsets[j + 1]
+    if stop - b != 3:
+        return False
+    while vertices[b] != vertices[a]:
+        b += 1
+    following = vertices[b + 1 if b + 1 < stop else b - 2]
+    return (following != vertices[a + 1]) == (sign > 0.0)
 
 
 @kernel
@@ -89,7 +110,7 @@ def first_overlap(owner, partner, points, offsets, vertices, sign):
     """
     for f in range(len(owner)):
         i, j = owner[f], partner[f]
-        if j >= 0:
+        if j >= 0 and not _are_opposite(vertices, offsets, i, j, sign[i] * sign[j]):
             ux, uy, uz = _area_vector(points, vertices, offsets[i], offsets[i + 1])
             vx, vy, vz = _area_vector(points, vertices, offsets[j], offsets[j + 1])
             if sign[i] * sign[j] * (ux * vx + uy * vy + uz * vz) > 0.0:
