@@ -31,8 +31,19 @@ def swirl(x: Float) -> Float:
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize(("b", "most"), [(EAST, 12), (rotation, 12), (swirl, 30)])
-@pytest.mark.parametrize("peclet", [0.1, 10.0, 1e4])
-@pytest.mark.parametrize("mesh", [samples.voronoi(900, seed=7), samples.random_triangles(450, seed=7)])
+@pytest.mark.parametrize(
+    "peclet",
+    [0.1, pytest.param(1.0, marks=pytest.mark.slow), 10.0, pytest.param(1e2, marks=pytest.mark.slow), 1e4],
+)
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        samples.voronoi(900, seed=7),
+        samples.random_triangles(450, seed=7),
+        pytest.param(samples.voronoi(2000, seed=7), marks=pytest.mark.slow),
+        pytest.param(samples.random_triangles(1000, seed=7), marks=pytest.mark.slow),
+    ],
+)
 def test_iterations_are_few_for_all_peclet_numbers(
     degree: int, b: Any, most: int, peclet: float, mesh: Mesh
 ) -> None:
