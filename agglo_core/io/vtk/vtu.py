@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int, narrow
 from agglo_core.errors import FileError
 from agglo_core.io.levels import LevelValues
 from agglo_core.io.tags import tag_values
@@ -283,14 +283,17 @@ def face_stream(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
     Other cells have the end −1 in the stream.
     """
     polyhedra = np.flatnonzero(cells.types == POLYHEDRON)
-    offsets, loop_offsets, vertices = take_cells(cells.solids, frozen_int(polyhedra))
+    all_cells = len(polyhedra) == len(cells.types)
+    solids = cells.solids if all_cells else take_cells(cells.solids, frozen_int(polyhedra))
+    offsets, loop_offsets, vertices = solids
+    vertices = narrow(renumber_vertices(vertices, number))
     counts, sizes = np.diff(offsets), np.diff(loop_offsets)
     starts = loop_offsets[offsets] + offsets + np.arange(len(offsets))  # start of each cell, and the end
     loops = loop_offsets[:-1] + np.arange(len(sizes)) + np.repeat(np.arange(1, len(counts) + 1), counts)
-    stream = np.empty(starts[-1], np.int64)
+    stream = np.empty(starts[-1], vertices.dtype)
     is_vertex = np.ones(len(stream), bool)
     is_vertex[starts[:-1]] = is_vertex[loops] = False
-    stream[starts[:-1]], stream[loops], stream[is_vertex] = counts, sizes, renumber_vertices(vertices, number)
+    stream[starts[:-1]], stream[loops], stream[is_vertex] = counts, sizes, vertices
     ends = np.full(len(cells.types), -1)
     ends[polyhedra] = starts[1:]
     return {"faces": stream, "faceoffsets": ends}
