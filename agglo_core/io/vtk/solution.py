@@ -107,7 +107,8 @@ def solution_piece(samples: Samples, mesh: Mesh, *, name: str = "u", cell_ids: I
     Raises
     ------
     MeshError
-        If files cannot hold a tag name, or for cells without simplices whose points are not their vertices.
+        If files cannot hold a tag name, or for cells without simplices, except polyhedra sampled at
+        their vertices.
     """
     check_names(mesh.cell_tags)
     owners = samples.cells[samples.simplices[:, 0]]
@@ -142,8 +143,8 @@ def _with_polyhedra(
     numbers = numbers[np.argsort(samples.cells[numbers], kind="stable")]
     offsets, places = gather(mesh.cell_vertices[0], whole)
     vertices, counts = mesh.cell_vertices[1][places], np.diff(offsets)
-    if not np.array_equal(samples.points[numbers], mesh.points[vertices]):
-        raise MeshError(f"{name_cells(whole)}: samples without simplices, at other points than the vertices")
+    if mesh.dim == 2 or not np.array_equal(samples.points[numbers], mesh.points[vertices]):
+        raise MeshError(f"{name_cells(whole)}: no simplices, and no polyhedra sampled at their vertices")
     # 2. Faces by these points.
     solids = take_cells(half_faces(mesh), whole)
     sizes = np.diff(solids.loop_offsets[solids.cell_offsets])
