@@ -6,6 +6,7 @@ from agglo_core.multigrid.coarsening.along_flow import downstream_order, flow_st
 from agglo_core.multigrid.coarsening.classical import CoarseFirst, classical_stack
 from agglo_core.multigrid.coarsening.near_null import smoothed_near_null
 from agglo_core.multigrid.coarsening.smoothed import smoothed_prolongation
+from agglo_core.multigrid.coarsening.strong_groups import strong_groups
 from agglo_core.multigrid.coarsening.transfers import parents
 from agglo_core.multigrid.composition import Composition
 from agglo_core.multigrid.cycle import cycle
@@ -88,6 +89,7 @@ __all__ = [
     "smoothed_prolongation",
     "smoother_setup",
     "stack_of_system",
+    "strong_groups",
     "symmetric_lu",
     "vertex_patches",
 ]

@@ -43,7 +43,7 @@ def groups_slowly(A: np.ndarray, most: int) -> list[set[int]]:
 @pytest.mark.parametrize("most", [1, 3, 64])
 def test_strongest_couplings_join_first(most: int) -> None:
     A = random_matrix(60, FRESH)
-    found = strong_groups(A, most)
+    found = strong_groups(A.tobsr((1, 1)), most)
     sets = [set(found.parts[a:b].tolist()) for a, b in zip(found.offsets, found.offsets[1:], strict=False)]
     assert sets == groups_slowly(A.toarray(), most), f"seed {FRESH}"
 
@@ -75,4 +75,4 @@ def test_lines_make_up_for_coarse_unknowns_that_forget_a_direction() -> None:
 
 def test_no_group_of_nothing() -> None:
     with pytest.raises(OptionError, match="must be 1 or more"):
-        strong_groups(five_points(3, 1.0, 1.0), 0)
+        strong_groups(five_points(3, 1.0, 1.0).tobsr((1, 1)), 0)

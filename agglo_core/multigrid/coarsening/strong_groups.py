@@ -1,4 +1,4 @@
-"""Gauss–Seidel over groups of strongly coupled unknowns, such as grid lines in anisotropic problems."""
+"""Groups of strongly coupled blocks or unknowns, such as grid lines in anisotropic problems."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.multigrid.smoothers.patches import joined_patches
 from agglo_core.problems import Patches
 
 _STRONG = 0.1
-"""Minimum coupling relative to (a_ii a_jj)^½ that joins two unknowns.
+"""Minimum coupling ‖A_ij‖ / (‖A_ii‖ ‖A_jj‖)^½ that joins two blocks.
 
 Smaller: larger groups, which cost more time and memory per sweep (benchmarks/solve.py, mesh ``layers``).
 """
@@ -21,15 +21,16 @@ _RAISED = 1e-6
 """Relative increase of the diagonal, because A may be semidefinite, and singular on a group."""
 
 
-def strong_groups(A: Any, most: int) -> Patches:
-    """Return disjoint groups of up to ``most`` unknowns, formed along the strongest couplings.
+def strong_groups(A: Any, most: int = 8) -> Patches:
+    """Return disjoint groups of up to ``most`` blocks, formed along the strongest couplings.
 
-    Couplings of either sign count if at least a tenth of (a_ii a_jj)^½.
+    Couplings count if their norm is at least a tenth of (‖A_ii‖ ‖A_jj‖)^½, for single unknowns with either
+    sign.
 
     Parameters
     ----------
-    A : (n, n) csr_array
-        Symmetric matrix with positive diagonal.
+    A : (n, n) bsr_array
+        Symmetric matrix with positive definite diagonal blocks.
     most : int
 
     Raises
@@ -40,23 +41,25 @@ def strong_groups(A: Any, most: int) -> Patches:
     Examples
     --------
     >>> from scipy import sparse
+    >>> from agglo_core.multigrid import strong_groups
     >>> A = sparse.csr_array([[2.0, -1.0, 0.0], [-1.0, 2.0, -0.1], [0.0, -0.1, 2.0]])
-    >>> groups = strong_groups(A, 8)
+    >>> groups = strong_groups(A.tobsr((1, 1)))
     >>> groups.offsets.tolist(), groups.parts.tolist()
     ([0, 2, 3], [0, 1, 2])
     """
     if most < 1:
-        raise OptionError(
-            f"most, the largest number of unknowns in a group, must be 1 or more; given {most!r}"
-        )
-    entries, root = A.tocoo(), np.sqrt(A.diagonal())
-    rows, columns = entries.coords
+        raise OptionError(f"most, the largest number of blocks in a group, must be 1 or more; given {most!r}")
+    rows, columns = np.repeat(np.arange(len(A.indptr) - 1), np.diff(A.indptr)), A.indices
+    norms = np.sqrt(np.einsum("kij,kij->k", A.data, A.data))
+    own = rows == columns
+    root = np.ones(len(A.indptr) - 1)
+    root[rows[own]] = np.sqrt(norms[own])
     upper = rows < columns
     rows, columns = rows[upper], columns[upper]
-    strength = np.abs(entries.data[upper]) / (root[rows] * root[columns])
+    strength = norms[upper] / (root[rows] * root[columns])
     joined = np.flatnonzero(strength >= _STRONG)
     joined = joined[np.argsort(-strength[joined], kind="stable")]
-    return joined_patches(np.column_stack((rows[joined], columns[joined])), A.shape[0], most=most)
+    return joined_patches(np.column_stack((rows[joined], columns[joined])), len(root), most=most)
 
 
 def group_smoother(A: Any, most: int, dtype: Any = np.float64) -> VertexPatches:
@@ -69,4 +72,4 @@ def group_smoother(A: Any, most: int, dtype: Any = np.float64) -> VertexPatches:
     """
     raised = sparse.csr_array(A + _RAISED * sparse.diags_array(A.diagonal()))
     raised.sort_indices()
-    return VertexPatches(raised.tobsr((1, 1)), strong_groups(A, most), dtype)
+    return VertexPatches(raised.tobsr((1, 1)), strong_groups(A.tobsr((1, 1)), most), dtype)

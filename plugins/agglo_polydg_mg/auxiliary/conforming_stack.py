@@ -21,7 +21,7 @@ from agglo_polydg_mg.auxiliary.conforming_space import ConformingSpace, conformi
 from agglo_polydg_mg.auxiliary.coupling_network import coupling_network
 from agglo_polydg_mg.auxiliary.nodal_traces import nodal_basis, nodal_network
 from agglo_polydg_mg.auxiliary.solid_space import solid_space
-from agglo_polydg_mg.auxiliary.strong_faces import columns, strong_pairs
+from agglo_polydg_mg.auxiliary.strong_faces import columns
 from agglo_polydg_mg.space.basis import Basis
 
 _SMALL = 1e-5
@@ -98,7 +98,7 @@ def conforming_stack(
         are split at weak vertex couplings. By default the matrix alone defines the aggregates.
     smoother : "cells", "groups" or "patches"
         Smoother of the first level: symmetric block Gauss–Seidel on single cells, on groups of up to eight
-        cells joined by :func:`~agglo_polydg_mg.auxiliary.strong_faces.strong_pairs` (in 3-D on the
+        strongly coupled cells, the :func:`~agglo_core.multigrid.strong_groups` (in 3-D on the
         :func:`~agglo_polydg_mg.auxiliary.strong_faces.columns` of flat cells), or on vertex patches, which
         take half the iterations and several times the time and memory of a sweep. See
         :func:`~agglo_polydg_mg.solver.choose.choose`.
@@ -157,7 +157,7 @@ def conforming_stack(
         sweeps = _sweeps_for(basis)(system.A, system.block_offsets, dtype)
         top = multigrid.Level(system.A, system.block_offsets, P, sweeps)
         return multigrid.LevelStack([top, *levels], below.coarse, dtype)
-    groups = _groups(mesh, sigma, smoother)
+    groups = _groups(mesh, scaled.A, smoother)
     patches = multigrid.VertexPatches(scaled.A, groups, dtype)
     top = multigrid.Level(patches.A, system.block_offsets, P, patches, patches=groups)
     if smoother == "patches":
@@ -176,13 +176,13 @@ def _drop_limits(
     return small, small if nodal_traces else _SMALL_BUBBLES, 0.0
 
 
-def _groups(mesh: Mesh, sigma: Float, smoother: str) -> Patches:
+def _groups(mesh: Mesh, A: Any, smoother: str) -> Patches:
     """Return the cells that are smoothed together."""
     if smoother == "patches":
         return multigrid.vertex_patches(mesh)
     if mesh.dim == 3:
         return columns(mesh)[0]
-    return multigrid.joined_patches(strong_pairs(mesh, sigma), mesh.n_cells)
+    return multigrid.strong_groups(A)
 
 
 def _with_visits(levels: Sequence[multigrid.Level], A: Any, small: float) -> list[multigrid.Level]:

@@ -10,8 +10,8 @@ _STRONG = 3.0
 """A face is strong if its penalty exceeds this multiple of the smallest in either cell: many strong faces
 make a mesh bad (benchmarks/solve.py --meshes random graded layers)."""
 _JOINED = 2.0
-"""Cells are smoothed together if the penalty between them exceeds this multiple of the smallest in either
-cell. A smaller value makes more groups (benchmarks/solve.py --meshes graded layers --degrees 1)."""
+"""Cells may share a column if the penalty between them exceeds this multiple of the smallest in either cell.
+A smaller value makes larger columns (benchmarks/solve.py --meshes wedges --degrees 1)."""
 _WEAK = 0.1
 """A face is weak if a jump costs less than this multiple of the maximum in both cells: many weak faces are
 layers of flat cells (benchmarks/solve.py --meshes graded layers)."""

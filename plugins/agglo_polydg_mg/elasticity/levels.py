@@ -18,7 +18,6 @@ from agglo_core.authoring import Float, Int, frozen_float, frozen_index, frozen_
 from agglo_polydg_mg.auxiliary.conforming_space import ConformingSpace, conforming_space
 from agglo_polydg_mg.auxiliary.conforming_stack import labels_of_unknowns
 from agglo_polydg_mg.auxiliary.solid_space import solid_space
-from agglo_polydg_mg.auxiliary.strong_faces import strong_pairs
 from agglo_polydg_mg.elasticity.discretisation import Assembled
 from agglo_polydg_mg.elasticity.vectors import coordinates, motions_of
 from agglo_polydg_mg.space.basis import Basis
@@ -58,7 +57,7 @@ def elastic_stack(
     labels : sequence of (n_cells,) int
         Agglomerates, finest first: a vertex belongs to its first cell's agglomerate.
     groups : bool
-        Smooth cells joined by strong faces together.
+        Smooth strongly coupled cells together.
     dtype : float32 or float64
         Cycle precision.
 
@@ -103,13 +102,13 @@ def _first_level(
     assembled: Assembled, A: Any, space: ConformingSpace, groups: bool, dtype: Any
 ) -> tuple[multigrid.Level, Any]:
     """Return the level of the cells, and the transformation of its unknowns if cells are grouped."""
-    offsets, mesh = assembled.system.block_offsets, assembled.basis.mesh
+    offsets = assembled.system.block_offsets
     if not groups:
         matrix = multigrid.block_matrix(A, offsets, dtype, symmetric=True)
         sweeps: multigrid.LevelSmoother = multigrid.GaussSeidel.on(matrix)
         return multigrid.Level(A, offsets, space.prolongation(dtype), sweeps), None
     scaled = multigrid.block_scaled(A)
-    joined = multigrid.joined_patches(strong_pairs(mesh, assembled.sigma), mesh.n_cells)
+    joined = multigrid.strong_groups(scaled.A)
     sweeps = multigrid.VertexPatches(scaled.A, joined, dtype)
     P = sparse.csr_array(scaled.LT @ space.prolongation()).astype(dtype)
     return multigrid.Level(sweeps.A, offsets, P, sweeps, patches=joined), scaled.T

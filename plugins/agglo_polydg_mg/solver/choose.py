@@ -68,7 +68,7 @@ class Plan:
         Cycle precision.
     smoother : "cells", "groups" or "patches"
         Smoother on the first level: block Gauss–Seidel on single cells, on groups of up to eight cells
-        joined by strong faces (in 3-D on columns of flat cells), or on the cells around each vertex.
+        joined by strong couplings (in 3-D on columns of flat cells), or on the cells around each vertex.
     bubbles : bool
         Whether the continuous space has bubbles.
     vertices : "aggregates" or "classical"
