@@ -26,7 +26,7 @@ from agglo_core.multigrid.smoothers.level_smoothers import (
     smoother_setup,
 )
 from agglo_core.multigrid.smoothers.ordered import OrderedGaussSeidel
-from agglo_core.multigrid.smoothers.patch_smoother import AdditivePatches, VertexPatches
+from agglo_core.multigrid.smoothers.patch_smoother import VertexPatches
 from agglo_core.multigrid.smoothers.patches import MAX_PARTS, joined_patches, vertex_patches
 from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
@@ -39,7 +39,6 @@ __all__ = [
     "MAX_PARTS",
     "SMOOTHERS",
     "Adapted",
-    "AdditivePatches",
     "BlockJacobi",
     "BlockMatrix",
     "Chebyshev",

@@ -1,4 +1,4 @@
-"""Patch smoothers against dense twins: inverses, sweeps, the additive sum, symmetry, errors."""
+"""Patch smoothers against dense twins: inverses, sweeps, symmetry, errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy import sparse
 from agglo_core import samples
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.multigrid import AdditivePatches, VertexPatches, joined_patches, vertex_patches
+from agglo_core.multigrid import VertexPatches, joined_patches, vertex_patches
 from agglo_core.multigrid.kernels.patch_factors import patch_factors, patch_orders
 from agglo_core.multigrid.matrices.block_matrix import in_precision
 from agglo_core.multigrid.smoothers.patch_smoother import PatchSmoother
@@ -71,27 +71,12 @@ def test_single_precision_is_close_to_double() -> None:
     assert np.allclose(single, VertexPatches(A, patches).before(b)[0], rtol=1e-3, atol=1e-3)
 
 
-@pytest.mark.parametrize("kind", [VertexPatches, AdditivePatches])
-def test_after_mirrors_before(kind: type) -> None:
+def test_after_mirrors_before() -> None:
     A, patches = block_laplacian(3, cells=15)
-    smoother, n = kind(A, patches), A.shape[0]
+    smoother, n = VertexPatches(A, patches), A.shape[0]
     B = np.stack([smoother.before(e)[0] for e in np.eye(n)], axis=1)
     C = np.stack([smoother.after(e, np.zeros(n)) for e in np.eye(n)], axis=1)
     assert np.allclose(C, B.T, atol=1e-10 * np.abs(B).max())
-
-
-def test_the_additive_step_is_a_damped_weighted_sum() -> None:
-    A, patches = block_laplacian(3, cells=15)
-    dense, groups = A.toarray(), unknowns(patches, 3)
-    weights = np.bincount(np.concatenate(groups)) ** -0.5
-    M = np.zeros_like(dense)
-    for u in groups:
-        M[np.ix_(u, u)] += np.outer(weights[u], weights[u]) * np.linalg.inv(dense[np.ix_(u, u)])
-    largest = np.linalg.eigvals(M @ dense).real.max()
-    step = AdditivePatches(A, patches).before(np.ones(len(dense)))[0]
-    ratio = step / (M @ np.ones(len(dense)))
-    assert np.allclose(ratio, ratio[0], rtol=1e-8)
-    assert 1.3 < ratio[0] * largest < 1.5  # 4/3 of an eigenvalue that is found a little low
 
 
 def test_factors_are_sparse_and_those_of_the_matrix() -> None:

@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.compiled.compiling import kernel
 from agglo_core.multigrid.kernels.block_vectors import add_dots, add_product
 
 _TINY = 1e-22  # relative to the largest entry: smaller entries are set to 0, against slow denormals
 
 
 @kernel(reorder_sums=True)
-def patch_inverses(offsets, parts, indptr, indices, data, starts, half, inverses):
+def patch_inverses(offsets, parts, indptr, indices, data, starts, inverses):
     """Invert the matrix on each patch, and store inverse i by rows in ``inverses``, from ``starts[i]`` on.
 
-    If ``half``, only the rows of the lower halves are stored. The blocks ``data`` must be symmetric, and only
-    those in the lower half of a patch are read. The sweep operator (M. Goodnight, Amer. Statist. 33, 1979)
-    inverts this half in place. Returns the first patch that is not positive definite, or −1.
+    The blocks ``data`` must be symmetric, and only those in the lower half of a patch are read. The sweep
+    operator (M. Goodnight, Amer. Statist. 33, 1979) inverts this half in place. Returns the first patch that
+    is not positive definite, or −1.
     """
     n = data.shape[1]
     most = 0
@@ -77,12 +77,10 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, inverses
         for r in range(m):
             least = max(least, -W[r, r] * _TINY)
         for r in range(m):
-            row, at = W[r], starts[i] + (r * (r + 1) // 2 if half else r * m)
             for c in range(r + 1):
-                inverses[at + c] = -row[c] if abs(row[c]) > least else 0.0
-        for r in range(0 if half else m):
-            for c in range(r):
-                inverses[starts[i] + c * m + r] = inverses[starts[i] + r * m + c]
+                value = -W[r, c] if abs(W[r, c]) > least else 0.0
+                inverses[starts[i] + r * m + c] = value
+                inverses[starts[i] + c * m + r] = value
     return -1
 
 
@@ -151,45 +149,3 @@ def patch_sweep(width: int) -> Any:
                         add_product(width, solution, a * n, 1, data, h * block, b, column * n)
 
     return sweep
-
-
-@helper(reorder_sums=True)
-def _multiply(inverses, start, vector, m, product):
-    """Multiply ``vector[:m]`` by a symmetric matrix, with the result in ``product[:m]``.
-
-    The lower half of the matrix is stored by rows from ``inverses[start]`` on.
-    """
-    at = start
-    for r in range(m):
-        inverse, value = inverses[at : at + r + 1], vector[r]
-        total = inverse[r] * value
-        for c in range(r):
-            total += inverse[c] * vector[c]
-            product[c] += inverse[c] * value
-        product[r] = total
-        at += r + 1
-
-
-@kernel(reorder_sums=True)
-def patch_sum(offsets, parts, inverse_starts, inverses, weights, n, r):
-    """Return Σ_i W R_iᵀ A_i⁻¹ R_i W r, the weighted sum of patch solutions.
-
-    R_i restricts to the patch, and W multiplies each part by its weight. The lower halves of the inverses
-    A_i⁻¹ are stored by rows from ``inverse_starts[i]``. Blocks have n unknowns.
-    """
-    most = 0
-    for i in range(len(offsets) - 1):
-        most = max(most, (offsets[i + 1] - offsets[i]) * n)
-    local_r, local_x = np.empty(most, r.dtype), np.empty(most, r.dtype)
-    x = np.zeros_like(r)
-    for i in range(len(offsets) - 1):
-        # R_i W r, then A_i⁻¹ R_i W r, then the weighted sum.
-        first, last = offsets[i], offsets[i + 1]
-        for a in range(first, last):
-            for c in range(n):
-                local_r[(a - first) * n + c] = weights[parts[a]] * r[parts[a] * n + c]
-        _multiply(inverses, inverse_starts[i], local_r, (last - first) * n, local_x)
-        for a in range(first, last):
-            for c in range(n):
-                x[parts[a] * n + c] += weights[parts[a]] * local_x[(a - first) * n + c]
-    return x

@@ -1,4 +1,4 @@
-"""Schwarz smoothing on patches: exact solves in overlapping groups of parts, in turn or all at once.
+"""Schwarz smoothing on patches: exact solves in overlapping groups of parts, in turn.
 
 For discontinuous polynomials, cell-wise smoothing does not reduce the continuous part of the error, but
 patches around vertices do. J. Schöberl, J. M. Melenk, C. Pechstein, S. Zaglmayr, "Additive Schwarz
@@ -18,9 +18,8 @@ from agglo_core.arrays import Float, Int, frozen, frozen_index, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.kernels.block_sweeps import block_sweeps, clear_tiny
 from agglo_core.multigrid.kernels.patch_factors import patch_factors, patch_orders
-from agglo_core.multigrid.kernels.patch_sweeps import patch_inverses, patch_sum, patch_sweep
+from agglo_core.multigrid.kernels.patch_sweeps import patch_inverses, patch_sweep
 from agglo_core.multigrid.matrices.block_matrix import in_precision
-from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Real
 from agglo_core.problems import MultigridLevel, Patches
 
@@ -32,28 +31,6 @@ Other sizes share a kernel (benchmarks/solve.py).
 """
 
 
-class _Inverses:
-    """Inverses of a block matrix on patches, stored as lower triangles or in full."""
-
-    def __init__(self, A: Any, patches: Patches, dtype: Any, *, half: bool, some: bool = False) -> None:
-        self.offsets, self.parts = _check_patches(A, patches, some)
-        self.width = int(A.blocksize[0])
-        rows = np.diff(self.offsets) * self.width
-        sizes = rows * (rows + 1) // 2 if half else rows**2
-        self.starts = frozen_int(np.concatenate(([0], np.cumsum(sizes))))
-        values = np.empty(self.starts[-1], dtype)
-        blocks = frozen(A.data, A.dtype)
-        bad_patch = patch_inverses(
-            self.offsets, self.parts, *_pattern(A), blocks, frozen_int(self.starts[:-1]), half, values
-        )
-        _require_definite(bad_patch, self.offsets, self.parts)
-        self.values = frozen(values, dtype)
-
-    @property
-    def arrays(self) -> tuple[Int, Any, Int, Any]:
-        return self.offsets, self.parts, self.starts, self.values
-
-
 class _Groups:
     """Disjoint patches with inverses and matrix rows in patch order, for sweeps.
 
@@ -61,23 +38,29 @@ class _Groups:
     """
 
     def __init__(self, A: Any, patches: Patches, dtype: Any, some: bool) -> None:
-        whole = _Inverses(A, patches, dtype, half=False, some=some)
-        blocks, pattern = in_precision(A, dtype).data, _pattern(A)
-        count = len(whole.offsets) - 1
-        self.forwards, self.backwards = (
-            _order_groups(whole, np.arange(count)[::step], *pattern, blocks) for step in (1, -1)
+        # 1. Invert the matrix on each patch
+        self.offsets, self.parts = _check_patches(A, patches, some)
+        pattern, sizes = _pattern(A), np.diff(self.offsets) * int(A.blocksize[0])
+        self.starts = frozen_int(np.concatenate(([0], np.cumsum(sizes**2))))
+        values = np.empty(self.starts[-1], dtype)
+        bad_patch = patch_inverses(
+            self.offsets, self.parts, *pattern, frozen(A.data, A.dtype), self.starts, values
         )
+        _require_definite(bad_patch, self.offsets, self.parts)
+        self.inverses = frozen(values, dtype)
+        # 2. Copy them, and the matrix rows, in both orders
+        groups, blocks = np.arange(len(sizes)), in_precision(A, dtype).data
+        self.forwards, self.backwards = (self._ordered(groups[::step], *pattern, blocks) for step in (1, -1))
 
-
-def _order_groups(whole: _Inverses, groups: Int, indptr: Int, indices: Any, blocks: Real) -> tuple[Any, ...]:
-    """Return groups in another order: offsets, parts, starts, inverses, and matrix rows (BSR)."""
-    offsets, members = slices(whole.offsets, groups)
-    starts, values = slices(whole.starts, groups)
-    parts = whole.parts[members]
-    rows, entries = slices(indptr, parts)
-    inverses = frozen(whole.values[values], whole.values.dtype)
-    matrix = rows, frozen_index(indices[entries]), frozen(blocks[entries], blocks.dtype)
-    return offsets, frozen_index(parts), starts, inverses, *matrix
+    def _ordered(self, groups: Int, indptr: Int, indices: Any, blocks: Real) -> tuple[Any, ...]:
+        """Return groups in another order: offsets, parts, starts, inverses, and matrix rows (BSR)."""
+        offsets, members = slices(self.offsets, groups)
+        starts, values = slices(self.starts, groups)
+        parts = self.parts[members]
+        rows, entries = slices(indptr, parts)
+        inverses = frozen(self.inverses[values], self.inverses.dtype)
+        matrix = rows, frozen_index(indices[entries]), frozen(blocks[entries], blocks.dtype)
+        return offsets, frozen_index(parts), starts, inverses, *matrix
 
 
 def slices(starts: Int, chosen: Int) -> tuple[Int, Int]:
@@ -203,49 +186,6 @@ class VertexPatches:
     def _swept(self, b: Real, x: Real, again: Callable[..., None]) -> Real:
         again(np.require(b, self.A.dtype, ["C", "W"]), x)
         return x
-
-
-class AdditivePatches:
-    """Additive Schwarz: the damped sum of all patch solutions, weighted by overlap.
-
-    A part in m patches has the weight m^(−1/2) before and after each solve. The damping is 4 / (3 λ_max).
-    Convergence is slower than with :class:`VertexPatches`, but independent of the patch order. Parameters,
-    attributes and errors are those of :class:`VertexPatches`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from scipy import sparse
-    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
-    >>> from agglo_core.multigrid import AdditivePatches
-    >>> from agglo_core.problems import Patches
-    >>> patches = Patches(np.array([0, 2, 4]), np.array([0, 1, 1, 2]))
-    >>> M = AdditivePatches(A.tobsr((2, 2)), patches)
-    >>> M.before(np.ones(6))[0].shape
-    (6,)
-    """
-
-    def __init__(self, A: Any, patches: Patches, dtype: Any = np.float64) -> None:
-        self._inverses = _Inverses(A, patches, dtype, half=True)
-        self.A = in_precision(A, dtype)
-        shared = np.bincount(self._inverses.parts, minlength=A.shape[0] // A.blocksize[0])
-        self._weights = frozen(1.0 / np.sqrt(shared), dtype)
-        self._damping = self.A.dtype.type(4 / 3 / largest_eigenvalue(self.A, self._summed))
-
-    def before(self, b: Real) -> tuple[Real, Real]:
-        """Return x ``(n,)`` after a step from zero, and the residual b − A x."""
-        x = self._damping * self._summed(b)
-        return x, b - self.A @ x
-
-    def after(self, b: Real, x: Real) -> Real:
-        """Return x after another damped step."""
-        better: Real = x + self._damping * self._summed(b - self.A @ x)
-        return better
-
-    def _summed(self, r: Real) -> Real:
-        residual = frozen(r, self.A.dtype)
-        added: Real = patch_sum(*self._inverses.arrays, self._weights, self._inverses.width, residual)
-        return added
 
 
 class PatchSmoother:
