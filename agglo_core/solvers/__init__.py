@@ -2,7 +2,7 @@
 
 from agglo_core.problems.iteration_history import unsolved
 from agglo_core.problems.linear import require_cells
-from agglo_core.solvers.advice import Kind, advice_of_multigrid
+from agglo_core.solvers.advice import Kind, advice_after_failure, advice_of_multigrid
 from agglo_core.solvers.fine_system import (
     CELLS_PER_PART,
     FineSystem,
@@ -40,6 +40,7 @@ __all__ = [
     "PlainCG",
     "ResidualMeasure",
     "Stopwatch",
+    "advice_after_failure",
     "advice_of_multigrid",
     "chosen",
     "chosen_discretisation",

@@ -117,6 +117,19 @@ def advice_of_direct(A: Any, kind: Kind, backend: str) -> str:
     )
 
 
+def advice_after_failure(degree: int = 1, penalty: float | str = _PENALTY) -> str:
+    """Return the advice to use ``direct``, with an equal discretisation, after multigrid did not converge.
+
+    Examples
+    --------
+    >>> from agglo_core.solvers import advice_after_failure
+    >>> advice_after_failure(2, "sharp")
+    'multigrid did not converge, but a direct method may: use the solver direct:degree=2,penalty=sharp'
+    """
+    spec = _spec(choose_backend(AUTO), penalty, degree)
+    return f"multigrid did not converge, but a direct method may: use the solver {spec}"
+
+
 def advice_of_components(A: Any, M: Any, width: int) -> str:
     """Return the advice not to use multigrid if the energies of the components of slow errors cancel.
 
@@ -156,9 +169,10 @@ def _unknowns(A: Any, entries: float) -> str:
     return f"{float(f'{entries * A.shape[0] / A.nnz:.1e}'):,.0f}"
 
 
-def _spec(backend: str, penalty: float | str) -> str:
+def _spec(backend: str, penalty: float | str, degree: int = 1) -> str:
     """Return the solver ``direct`` with its options in command-line notation."""
-    options = [] if penalty in (_PENALTY, "paper") else [f"penalty={penalty}"]
+    options = [] if degree == 1 else [f"degree={degree}"]
+    options += [] if penalty in (_PENALTY, "paper") else [f"penalty={penalty}"]
     options += [] if choose_backend(AUTO) == backend else [f"backend={backend}"]
     return ":".join(filter(None, ("direct", ",".join(options))))
 

@@ -12,7 +12,7 @@ from scipy import sparse
 
 from agglo_core import Hierarchy, Mesh, samples
 from agglo_core.cli.options.specs import parse_spec
-from agglo_core.problems import Diffusion, Linear
+from agglo_core.problems import Diffusion, Elasticity, Linear, Problem
 from agglo_core.registry import default
 from agglo_core.solvers import advice
 from agglo_core.solvers.advice import MANY, advice_of_components, advice_of_direct, advice_of_multigrid
@@ -66,6 +66,20 @@ def test_small_systems_are_for_direct_solvers_and_large_ones_for_multigrid(
         for text in filter(None, both):
             name, options = parse_spec(re.search(r"use the solver ([^ ;]+)", text)[1])
             assert default().build("solver", name, **options)
+
+
+@pytest.mark.parametrize("problem", [SOURCE, Elasticity(force=(0.0, -1.0))])
+def test_after_a_failure_it_names_the_call_that_solves(problem: Problem) -> None:
+    mesh = samples.voronoi(60, seed=1)
+    failed = PolyDGMultigrid(degree=2, max_iterations=1).solve(problem, bare(mesh))
+    assert not failed.converged
+    assert "did not converge" in failed.advice
+    name, options = parse_spec(failed.advice.rsplit(" ", 1)[1])
+    exact = default().build("solver", name, **options).solve(problem, bare(mesh))
+    solved = PolyDGMultigrid(degree=2, tolerance=1e-10).solve(problem, bare(mesh))
+    assert "did not converge" not in solved.advice
+    points = mesh.cell_centroids
+    assert exact.evaluate(points) == pytest.approx(solved.evaluate(points), rel=1e-6, abs=1e-9)
 
 
 @with_all

@@ -57,7 +57,12 @@ class ElasticityTask(DiffusionTask):
     @property
     def advice(self) -> str:
         """Advice to use a direct solver for small systems."""
-        return solvers.advice_of_multigrid(self.fine.A, "linear", 1, "sharp")
+        return solvers.advice_of_multigrid(self.fine.A, "linear", 1, self.penalty)
+
+    @property
+    def penalty(self) -> str:
+        """``sharp``, the penalty that solvers accept for elasticity."""
+        return "sharp"
 
     @property
     def makes_levels(self) -> bool:

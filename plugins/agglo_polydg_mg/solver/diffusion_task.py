@@ -155,7 +155,12 @@ class DiffusionTask:
     @property
     def advice(self) -> str:
         """Advice to use a direct solver, if that would take less time."""
-        return solvers.advice_of_multigrid(self.fine.A, self.plan.kind, 1, self._how.penalty)
+        return solvers.advice_of_multigrid(self.fine.A, self.plan.kind, 1, self.penalty)
+
+    @property
+    def penalty(self) -> float | str:
+        """Penalty of the discretisation, as an option of solvers."""
+        return self._how.penalty
 
     @property
     def cycle(self) -> str:

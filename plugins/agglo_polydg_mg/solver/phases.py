@@ -141,6 +141,10 @@ def build_solution(
 
     The levels may belong to an earlier system.
     """
+    advice = task.advice if fresh else ""  # reused levels are the cheapest choice
+    solved = all(each.converged or each.ended == "rounding" for each in histories)
+    if not solved and isinstance(task, DiffusionTask):
+        advice = solvers.advice_after_failure(task.basis.degree, task.penalty)
     solution = replace(
         task.solution(histories, stack.operators, watch, tolerance),
         operator_complexity=stack.operator_complexity,
@@ -148,7 +152,7 @@ def build_solution(
         parts=task.parts(stack),
         memory=stack.memory,
         choice=task.choice + ("" if fresh else "; levels reused from an earlier system"),
-        advice=task.advice if fresh else "",  # reused levels are the cheapest choice
+        advice=advice,
     )
     return task.given_back(solution)
 
