@@ -29,10 +29,11 @@ Sweep = Callable[..., Any]
 def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
     """Return two compiled block Gauss–Seidel sweeps over part groups: with and without residual.
 
-    Group g has the parts ``parts[offsets[g]:offsets[g + 1]]``. The inverse of the matrix on a group is stored
-    by columns from ``starts[g]``. Matrix rows follow the order of ``parts``, ``x`` and the columns the
-    original order: stored data are read from begin to end, which takes a third to a half the time of any
-    other order for data beyond the cache. Matrices consist of ``data (entries, width, width)``.
+    Group g has the parts ``parts[offsets[g]:offsets[g + 1]]``, for cells a single one. The inverse of the
+    matrix on a group is stored by columns from ``starts[g]``. The matrix has the blocks ``data (entries,
+    width, width)``, with rows in the order of ``parts``. ``x`` and the columns have the original order. A
+    forward sweep reads all data from begin to end: for groups beyond the cache, any other order takes two to
+    three times as long.
 
     ``residual_sweep(offsets, parts, starts, inverses, indptr, indices, data, r, x)``
         A forward sweep through disjoint groups that updates x and its residual r. Block (i, j) serves as
