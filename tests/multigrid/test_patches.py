@@ -103,6 +103,16 @@ def test_short_edges_in_three_dimensions() -> None:
     assert np.diff(vertex_patches(flat).offsets).tolist() == [12] * 4  # columns
 
 
+def test_tensors_join_vertices_along_their_strong_direction() -> None:
+    mesh = samples.squares(6)
+    tensors = np.tile(np.diag([1.0, 1e-4]), (mesh.n_cells, 1, 1))
+    found = vertex_patches(mesh, tensors=tensors)
+    assert as_lists(found) == [[*range(6 * k, 6 * k + 12)] for k in range(5)]  # pairs of rows
+    assert as_lists(vertex_patches(mesh, tensors=np.tile(np.eye(2), (36, 1, 1)))) == as_lists(
+        vertex_patches(mesh)
+    )
+
+
 def test_labels_with_gaps_are_refused() -> None:
     with pytest.raises(MeshError, match="gaps"):
         vertex_patches(samples.squares(2), np.array([0, 0, 2, 2]))

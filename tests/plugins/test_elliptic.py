@@ -695,6 +695,19 @@ def test_solvers_accept_tensors(solver: str) -> None:
         assert abs(solution.x - exact).max() <= 1e-5 * abs(exact).max()
 
 
+@pytest.mark.parametrize("degree", [2, 3])
+@pytest.mark.parametrize(
+    ("mesh", "most"), [(samples.squares(32), (12, 21)), (samples.voronoi(1024, seed=0), (15, 24))]
+)
+def test_strong_directions_take_few_iterations(mesh: Mesh, most: tuple[int, int], degree: int) -> None:
+    x, y = mesh.cell_centroids.T
+    for epsilon, limit in zip((1e-2, 1e-4), most, strict=True):
+        found = agglo.solve(mesh, Diffusion(rotated(2.0 * x + y, epsilon)), degree=degree)
+        assert found.converged
+        assert found.iterations <= limit
+        assert "directional" in found.choice
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 def test_polyhedra_with_tensors_are_solved(degree: int) -> None:
     mesh = samples.random_tetrahedra(40, seed=2)

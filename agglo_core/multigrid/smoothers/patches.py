@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.arrays import Index, Int, frozen_index, frozen_int
+from agglo_core.arrays import Float, Index, Int, frozen_index, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.multigrid.kernels.patch_search import parts_at_vertices, unite_pairs, without_contained
@@ -16,12 +16,19 @@ _SHORT = 0.4
 Larger: fewer but larger patches (benchmarks/solve.py).
 """
 _JOINED = 3  # maximum number of vertices joined along short edges; more: larger patches (benchmarks/solve.py)
+_SHORT_ALONG = 0.7
+"""With tensors: maximum length of a short edge, relative to the longest edge of an adjacent cell
+(benchmarks/elliptic.py --rows ε)."""
+_JOINED_ALONG = 8
+"""With tensors: maximum number of vertices joined (benchmarks/elliptic.py --rows ε)."""
 MAX_PARTS = 64
 """Default maximum number of parts per vertex patch. Memory and time of a patch grow faster than this number
 (benchmarks/solve.py --meshes slivers)."""
 
 
-def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = MAX_PARTS) -> Patches:
+def vertex_patches(
+    mesh: Mesh, labels: Int | None = None, *, most: int = MAX_PARTS, tensors: Float | None = None
+) -> Patches:
     """Return the patches of mesh cells, or of agglomerates, around their common vertices.
 
     A patch inside another is dropped. A part without neighbours forms a separate patch. Patches are in
@@ -37,6 +44,10 @@ def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = MAX_PAR
         hardly differ, and needles are smoothed together with all cells around.
     most : int
         Maximum number of parts around a vertex with patch, to keep the dense matrices small.
+    tensors : (n_cells, d, d) float, optional
+        Coefficient K of a diffusion problem per cell. The length of an edge e is then (e·K⁻¹e)^½, and up to
+        eight vertices are joined by edges shorter than 0.7 times the longest edge of an adjacent cell: the
+        patches extend along the strong direction.
 
     Raises
     ------
@@ -52,7 +63,7 @@ def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = MAX_PAR
     """
     if labels is None:
         parts, n_parts = frozen_int(np.arange(mesh.n_cells)), mesh.n_cells
-        groups, n_groups = _join_short_edges(mesh, most)
+        groups, n_groups = _join_short_edges(mesh, most, tensors)
     else:
         parts = mesh.check_labels(labels)
         n_parts = int(parts.max(initial=-1)) + 1
@@ -62,21 +73,31 @@ def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = MAX_PAR
     return Patches(frozen_int(offsets), frozen_int(members))
 
 
-def _join_short_edges(mesh: Mesh, most: int) -> tuple[Index, int]:
+def _join_short_edges(mesh: Mesh, most: int, tensors: Float | None) -> tuple[Index, int]:
     """Join points along short edges, and return the group per point ``(n_points,)`` and their number.
 
-    Up to three points are joined, along the shortest edges. Points of too many cells are not joined, as the
-    cells around three of these might exceed ``most``.
+    The shortest edges are first. Points of too many cells are not joined, as the cells around joined points
+    might exceed ``most``.
     """
     ends, faces = _edges(mesh)
-    lengths = np.linalg.norm(mesh.local_points[ends[:, 1]] - mesh.local_points[ends[:, 0]], axis=1)
+    edges = mesh.local_points[ends[:, 1]] - mesh.local_points[ends[:, 0]]
     owner, neighbour = mesh.face_cells[faces].T
-    diameters = mesh.cell_diameters
-    ratio = lengths / np.maximum(diameters[owner], diameters[np.where(neighbour < 0, owner, neighbour)])
-    many = np.bincount(mesh.cell_vertices[1], minlength=mesh.n_points) > most // _JOINED
-    short = np.flatnonzero((ratio < _SHORT) & ~many[ends].any(axis=1))
+    cells = owner, np.where(neighbour < 0, owner, neighbour)
+    if tensors is None:
+        shortest, joined = _SHORT, _JOINED
+        diameters = mesh.cell_diameters
+        ratio = np.linalg.norm(edges, axis=1) / np.maximum(diameters[cells[0]], diameters[cells[1]])
+    else:
+        shortest, joined = _SHORT_ALONG, _JOINED_ALONG
+        inverses, longest = np.linalg.inv(tensors), np.zeros(mesh.n_cells)
+        lengths = [np.sqrt(np.vecdot(edges, np.matvec(inverses[side], edges))) for side in cells]
+        for side, length in zip(cells, lengths, strict=True):
+            np.maximum.at(longest, side, length)
+        ratio = np.maximum(*(length / longest[side] for side, length in zip(cells, lengths, strict=True)))
+    many = np.bincount(mesh.cell_vertices[1], minlength=mesh.n_points) > most // joined
+    short = np.flatnonzero((ratio < shortest) & ~many[ends].any(axis=1))
     short = short[np.argsort(ratio[short], kind="stable")]
-    patches = joined_patches(ends[short], mesh.n_points, most=_JOINED)
+    patches = joined_patches(ends[short], mesh.n_points, most=joined)
     groups = np.empty(mesh.n_points, np.int32)
     groups[patches.parts] = np.repeat(np.arange(len(patches)), np.diff(patches.offsets))
     return frozen_index(groups), len(patches)

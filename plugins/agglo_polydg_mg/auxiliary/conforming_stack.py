@@ -75,6 +75,7 @@ def conforming_stack(
     vertices: Literal["aggregates", "classical"] = "aggregates",
     layers: bool = False,
     dtype: Any = np.float32,
+    tensors: Float | None = None,
 ) -> multigrid.LevelStack:
     """Build multigrid levels with continuous coarse spaces for a symmetric interior penalty system.
 
@@ -113,6 +114,8 @@ def conforming_stack(
         face points.
     dtype : float32 or float64
         Cycle precision; the set-up uses double precision.
+    tensors : (n_cells, d, d) float, optional
+        Coefficient per cell, along which vertex patches extend.
 
     Raises
     ------
@@ -157,7 +160,7 @@ def conforming_stack(
         sweeps = _sweeps_for(basis)(system.A, system.block_offsets, dtype)
         top = multigrid.Level(system.A, system.block_offsets, P, sweeps)
         return multigrid.LevelStack([top, *levels], below.coarse, dtype)
-    groups = _groups(mesh, scaled.A, smoother)
+    groups = _groups(mesh, scaled.A, smoother, tensors)
     patches = multigrid.VertexPatches(scaled.A, groups, dtype)
     top = multigrid.Level(patches.A, system.block_offsets, P, patches, patches=groups)
     if smoother == "patches":
@@ -176,10 +179,10 @@ def _drop_limits(
     return small, small if nodal_traces else _SMALL_BUBBLES, 0.0
 
 
-def _groups(mesh: Mesh, A: Any, smoother: str) -> Patches:
+def _groups(mesh: Mesh, A: Any, smoother: str, tensors: Float | None) -> Patches:
     """Return the cells that are smoothed together."""
     if smoother == "patches":
-        return multigrid.vertex_patches(mesh)
+        return multigrid.vertex_patches(mesh, tensors=tensors)
     if mesh.dim == 3:
         return columns(mesh)[0]
     return multigrid.strong_groups(A)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Int, OptionError, frozen_int, multigrid
+from agglo_core.authoring import Float, Int, OptionError, frozen_int, multigrid
 from agglo_polydg_mg.auxiliary.box_transfer import project_between
 from agglo_polydg_mg.auxiliary.conforming_stack import cell_sweeps
 from agglo_polydg_mg.auxiliary.transfer import block_matrix
@@ -34,6 +34,7 @@ def patch_stack(
     damping: float = 4 / 3,
     overlap: bool = True,
     coarse_degree: int | None = None,
+    tensors: Float | None = None,
 ) -> multigrid.LevelStack:
     """Build multigrid levels of polynomials on agglomerates, down to at most 1500 unknowns.
 
@@ -54,6 +55,8 @@ def patch_stack(
         Smooth vertex patches instead of single cells and agglomerates (block Gauss–Seidel).
     coarse_degree : int, optional
         Polynomial degree on agglomerates; by default the degree on the mesh.
+    tensors : (n_cells, d, d) float, optional
+        Coefficient per cell, along which the patches of the mesh extend.
 
     Raises
     ------
@@ -87,7 +90,7 @@ def patch_stack(
         offsets, patches = _offsets(A, basis.n_local), None
         smoother: Any = None
         if overlap:
-            patches = multigrid.vertex_patches(mesh, cell_labels if at else None)
+            patches = multigrid.vertex_patches(mesh, cell_labels if at else None, tensors=tensors)
             smoother = multigrid.VertexPatches(A, patches, dtype)
         else:
             smoother = cell_sweeps(A, offsets, dtype)

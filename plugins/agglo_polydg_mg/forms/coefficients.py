@@ -29,6 +29,15 @@ def cell_means(mesh: Mesh, field: Field | Tensor, name: str = "kappa") -> Float:
     return frozen_float(2.0 ** (0.5 * mesh.dim) * integrals / mesh.cell_measures)  # L₀ = √½
 
 
+def cell_tensors(mesh: Mesh, kappa: Field | Tensor) -> Float | None:
+    """Return a tensor coefficient at the cell centroids ``(n_cells, d, d)``, or None for a scalar."""
+    if not isinstance(kappa, Tensor):
+        if not is_tensor(kappa, mesh):
+            return None
+        kappa = tensor(mesh, kappa)
+    return frozen_float(kappa.at(mesh.cell_centroids, np.arange(mesh.n_cells)))
+
+
 def reaction_blocks(basis: Basis, reaction: Field) -> Float | None:
     """Return the mass matrix ∫ c φ_i φ_j per cell ``(n_cells, n_local, n_local)``, or None for c = 0.
 

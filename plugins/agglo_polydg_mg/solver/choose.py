@@ -37,6 +37,9 @@ patches (benchmarks/solve.py --meshes squeezed wedges)."""
 _SMOOTH: Final = 100.0
 """Ratio κ_max / κ_min up to which aggregates serve as well as classical levels (benchmarks/solve.py --meshes
 voronoi halves checks --degrees 1)."""
+_DIRECTIONAL: Final = 10.0
+"""Ratio of the eigenvalues of a tensor above which its direction matters (benchmarks/elliptic.py --rows
+ε)."""
 _CONTRAST: Final = 1e8
 """Ratio κ_max / κ_min above which cycles run in double precision, which takes more time and memory than
 single precision, but keeps sixteen digits instead of seven."""
@@ -75,6 +78,8 @@ class Plan:
         Coarsening of the vertex problem.
     layers : bool
         Whether classical levels need a guide: in flat cells vertex couplings have either sign.
+    directional : bool
+        Whether vertex patches extend along the strong direction of a tensor.
     strong : float
         Fraction of the inner faces that are strong.
     reason : str
@@ -90,6 +95,7 @@ class Plan:
     bubbles: bool
     vertices: Literal["aggregates", "classical"]
     layers: bool
+    directional: bool
     strong: float
     reason: str
     kind: solvers.Kind
@@ -102,6 +108,7 @@ def choose(
     degree: int,
     overrides: Overrides = Overrides(),
     diagonal: Float | None = None,
+    tensors: Float | None = None,
 ) -> Plan:
     """Choose coarse spaces, smoother and cycle for a symmetric interior penalty system.
 
@@ -110,9 +117,10 @@ def choose(
     faces make a mesh *bad* (slivers, boundary layers); the limit is 3 % for tetrahedra and hexahedra. More
     than 2 % weak faces make *layers* in meshes of triangles and quadrilaterals. A cell is *flat* if its area
     is below 0.05 d², its volume below 0.001 d³ (d: diameter), and a mesh is *flat* with more than 1 % flat
-    cells; polygons where κ varies are flat from a tenth of this. The flat cells form *columns* if groups of
-    up to 64 cells separate at most 5 % of the cell pairs with a strong face. κ *varies* if it spans more
-    than two decades.
+    cells; polygons where κ varies are flat from a tenth of this. κ is *directional* if its eigenvalues
+    differ by more than a factor of 10 in more than 6 % of the cells; then there are no layers. The flat
+    cells form *columns* if groups of up to 64 cells separate at most 5 % of the cell pairs with a strong
+    face. κ *varies* if it spans more than two decades.
 
     =====================================================  ============  ========  ==========  =====
     case                                                   recipe        smoother  vertices    cycle
@@ -124,6 +132,7 @@ def choose(
     2-D, p > 1, bad                                        conforming    patches   classical   V
     2-D, p > 2, polygons, or more than 1 % strong          conforming    patches   classical   V
     2-D, polygons, flat                                    patches       patches               W
+    2-D, polygons, p > 1, κ directional                    patches       patches               W
     3-D, tetrahedra, p = 1                                 conforming    cells     aggregates  W
     3-D, tetrahedra to hexahedra, otherwise                conforming    cells     aggregates  V
     3-D, tetrahedra to hexahedra, bad, flat, or κ varies   patches       patches               W
@@ -135,6 +144,7 @@ def choose(
     Aggregates are cheap but slow alone, hence the W-cycle. Classical levels are robust against jumping or
     directional couplings, but their matrices are fuller; in layers the couplings inside cells guide them.
     Where several rows of the table apply, the last one does.
+    If κ is directional, vertex patches extend along it.
     Polygons have no bubbles unless the mesh is bad, and polyhedra have none, because bubbles would be too
     many. The cycle runs in single precision unless κ spans more than eight decades or the matrix diagonal
     exceeds its range. ``overrides`` replace recipe, cycle and precision.
@@ -150,6 +160,8 @@ def choose(
     overrides : Overrides
     diagonal : (n,) float, optional
         Matrix diagonal.
+    tensors : (n_cells, d, d) float, optional
+        Tensor coefficient per cell; without it κ is a scalar.
 
     Raises
     ------
@@ -174,10 +186,12 @@ def choose(
         )
     # 1. Choose by the table, from mesh and coefficient
     strong, contrast = strong_part(mesh, sigma), float(kappa.max() / kappa.min())
-    row = _row_in_plane if mesh.dim == 2 else _row_of_solids
-    recipe, smoother, cycle, bubbles, aggregates, layers, flat = row(
-        mesh, sigma, strong, contrast > _SMOOTH, degree
-    )
+    directional, varies = mesh.dim == 2 and _is_directional(tensors), contrast > _SMOOTH
+    if mesh.dim == 2:
+        row = _row_in_plane(mesh, sigma, strong, varies, degree, directional)
+    else:
+        row = _row_of_solids(mesh, sigma, strong, varies, degree)
+    recipe, smoother, cycle, bubbles, aggregates, layers, flat = row
     # 2. Apply the user's choices
     if overrides.recipe != "auto":
         recipe = overrides.recipe
@@ -200,6 +214,8 @@ def choose(
     details = f"{100 * strong:.0f} % strong faces, at most {most_faces} faces a cell"
     if flat > _FLAT_CELLS:
         details += f", {100 * flat:.0f} % flat cells"
+    if directional:
+        details += ", directional kappa"
     kind: solvers.Kind = "cells" if smoother == "cells" and bubbles else "groups"
     return Plan(
         recipe,
@@ -209,6 +225,7 @@ def choose(
         bubbles,
         "aggregates" if aggregates else "classical",
         layers,
+        directional,
         strong,
         f"{levels}, {smoother}, {cycle}-cycle, {np.dtype(dtype).name} ({details})",
         "solids" if mesh.dim == 3 else kind,
@@ -227,18 +244,30 @@ class _Row(NamedTuple):
     flat: float
 
 
-def _row_in_plane(mesh: Mesh, sigma: Float, strong: float, varies: bool, degree: int) -> _Row:
+def _is_directional(tensors: Float | None) -> bool:
+    """Return True if the eigenvalues of tensors differ by more than 10 in more than 6 % of the cells."""
+    if tensors is None:
+        return False
+    values = np.linalg.eigvalsh(tensors)
+    return bool(np.mean(values[:, -1] > _DIRECTIONAL * values[:, 0]) > BAD)
+
+
+def _row_in_plane(
+    mesh: Mesh, sigma: Float, strong: float, varies: bool, degree: int, directional: bool
+) -> _Row:
     """Return the row of the table for a 2-D mesh."""
     faces_per_cell = np.diff(mesh.cell_faces[0])
     polygons = bool(faces_per_cell.max() > _QUADRILATERAL)
     few_polygons = bool(np.mean(faces_per_cell > _QUADRILATERAL) < 0.5)
-    bad, layers = strong > BAD, few_polygons and weak_part(mesh, sigma) > _LAYERS
+    bad = strong > BAD
+    layers = few_polygons and not directional and weak_part(mesh, sigma) > _LAYERS
     aggregates = degree == 1 and not (bad or layers or varies)
     smoother = "cells"
     if bad or (degree > 2 and (polygons or strong > _UNEASY)):
         smoother = "patches" if degree > 1 else "groups"
     flat = 0.0 if few_polygons else flat_part(mesh, _FLAT[2] * (0.1 if varies else 1.0), _FLAT_CELLS)
-    recipe = "patches" if flat > _FLAT_CELLS else "conforming"
+    along = directional and degree > 1 and not few_polygons
+    recipe = "patches" if flat > _FLAT_CELLS or along else "conforming"
     return _Row(recipe, smoother, "W" if aggregates else "V", bad or not polygons, aggregates, layers, flat)
 
 

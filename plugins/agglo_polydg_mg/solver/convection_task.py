@@ -54,7 +54,17 @@ class ConvectionTask(DiffusionTask):
         smoother: Any = "patches" if bad else "cells"
         reason = f"polynomials on agglomerates, {smoother} downstream, {cycle}-cycle, float64 (convection)"
         return Plan(
-            "agglomerates", cycle, np.float64, smoother, False, "aggregates", False, 0.0, reason, "linear"
+            "agglomerates",
+            cycle,
+            np.float64,
+            smoother,
+            False,
+            "aggregates",
+            False,
+            False,
+            0.0,
+            reason,
+            "linear",
         )
 
     @property

@@ -26,7 +26,7 @@ from agglo_core.authoring import (
     pcg,
     solvers,
 )
-from agglo_polydg_mg.forms.coefficients import cell_means
+from agglo_polydg_mg.forms.coefficients import cell_means, cell_tensors
 from agglo_polydg_mg.forms.norms import EnergyNorm
 from agglo_polydg_mg.polydg import Kept, PolyDG
 from agglo_polydg_mg.solver.choose import Overrides, Plan, choose
@@ -129,9 +129,10 @@ class DiffusionTask:
         return self._plan
 
     def _choose(self, overrides: Overrides) -> Plan:
-        kappa, sigma = cell_means(self.basis.mesh, self.problem.kappa), self.fine.sigma
+        mesh, sigma, kappa = self.basis.mesh, self.fine.sigma, self.problem.kappa
         assert sigma is not None  # every discretised system has a penalty
-        return choose(self.basis.mesh, sigma, kappa, self.basis.degree, overrides, self.fine.A.diagonal())
+        diagonal, tensors = self.fine.A.diagonal(), cell_tensors(mesh, kappa)
+        return choose(mesh, sigma, cell_means(mesh, kappa), self.basis.degree, overrides, diagonal, tensors)
 
     def renew_plan(self) -> None:
         """Discard the plan, because levels are rebuilt for this problem."""

@@ -10,7 +10,7 @@ import numpy as np
 from agglo_core.authoring import Diffusion, Int, System, solvers
 from agglo_polydg_mg.auxiliary.conforming_stack import conforming_stack
 from agglo_polydg_mg.auxiliary.patch_recipe import patch_stack
-from agglo_polydg_mg.forms.coefficients import cell_means
+from agglo_polydg_mg.forms.coefficients import cell_means, cell_tensors
 from agglo_polydg_mg.solver.choose import Plan
 from agglo_polydg_mg.space.basis import Basis
 
@@ -34,11 +34,14 @@ def build(
     LinAlgError
         If a matrix is not positive definite.
     """
+    tensors = cell_tensors(basis.mesh, problem.kappa) if plan.directional else None
     # Polynomials on agglomerates
     if plan.recipe != "conforming":
         low = _LOW if basis.mesh.dim == 3 else None
         overlap = plan.recipe == "patches"
-        return patch_stack(basis, fine.A, labels, plan.dtype, overlap=overlap, coarse_degree=low)
+        return patch_stack(
+            basis, fine.A, labels, plan.dtype, overlap=overlap, coarse_degree=low, tensors=tensors
+        )
     # A continuous space and its multigrid
     assert fine.sigma is not None  # every discretised system has a penalty
     offsets = np.arange(0, fine.A.shape[0] + 1, fine.width)
@@ -54,6 +57,7 @@ def build(
         vertices=plan.vertices,
         layers=plan.layers,
         dtype=plan.dtype,
+        tensors=tensors,
     )
 
 
