@@ -26,7 +26,10 @@ def per_cell(field: float | Float, n: int, name: str) -> Float:
         ) from None
     if values.shape not in ((), (n,)):
         raise OptionError(f"{name} has shape {values.shape}: expected a number, ({n},) values or a callable")
-    _require_finite(values, name)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        where = f" in cell {bad[0]}" if values.ndim else ""
+        raise OptionError(f"{name} must be finite: it is {values.flat[bad[0]]}{where}")
     return np.broadcast_to(values, (n,))
 
 
@@ -51,8 +54,14 @@ def sample(field: Callable[[Float], Float], points: Float, name: str, shape: tup
     except MeshError as error:
         raise OptionError(f"{name} did not return real numbers for {len(points)} points: {error}") from None
     if values.shape not in (shape, (len(points), *shape)):
-        raise OptionError(f"{name} returned shape {values.shape} for {len(points)} points")
-    _require_finite(values, name)
+        expected = len(points), *shape
+        raise OptionError(
+            f"{name} returned shape {values.shape} for {len(points)} points, expected {expected}"
+        )
+    finite = np.isfinite(values)
+    if not finite.all():
+        at = points[np.argwhere(~finite)[0, 0]].tolist() if values.shape != shape else "all points"
+        raise OptionError(f"{name} must be finite: it is {values[~finite][0]} at {at}")
     return np.broadcast_to(values, (len(points), *shape))
 
 
@@ -74,9 +83,3 @@ def central_differences(field: Callable[[Float], Float], points: Float, steps: F
         far, near = (field(points + k * h) - field(points - k * h) for k in (2, 1))
         result[:, axis] = (8.0 * near - far) / (12.0 * steps[:, axis])
     return result
-
-
-def _require_finite(values: Float, name: str) -> None:
-    bad = np.flatnonzero(~np.isfinite(values))
-    if len(bad):
-        raise OptionError(f"{name} is {values.flat[bad[0]]} (value {bad[0]} of {values.size}), not finite")
