@@ -223,9 +223,15 @@ BAD_PROBLEMS: dict[str, tuple[Callable[[int], object], str]] = {
     "kappa of another mesh": (lambda n: Diffusion(kappa=np.ones(n + 1)), "kappa"),
     "negative kappa": (lambda n: Diffusion(kappa=-1.0), "kappa must be positive"),
     "nan kappa": (lambda n: Diffusion(kappa=np.full(n, np.nan)), "kappa"),
-    "infinite kappa": (lambda n: Diffusion(kappa=np.inf), "kappa is inf"),
-    "infinite source": (lambda n: Diffusion(source=np.full(n, np.inf)), "source is inf"),
-    "nan on the boundary": (lambda n: Diffusion(dirichlet={0: np.nan}), "dirichlet of tag 0 is nan"),
+    "infinite kappa": (lambda n: Diffusion(kappa=np.inf), "kappa must be finite: it is inf"),
+    "infinite source": (
+        lambda n: Diffusion(source=np.full(n, np.inf)),
+        "source must be finite: it is inf in cell 0",
+    ),
+    "nan on the boundary": (
+        lambda n: Diffusion(dirichlet={0: np.nan}),
+        "dirichlet of tag 0 must be finite: it is nan",
+    ),
     "pure Neumann": (lambda n: Diffusion(neumann={0: 0.0}), "must balance; they integrate to 1"),
     "neither": (lambda n: "sine", "a Diffusion or a Linear, given str"),
 }
