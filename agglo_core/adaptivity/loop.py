@@ -13,7 +13,7 @@ import numpy as np
 from agglo_core.adaptivity.marking import next_cut
 from agglo_core.adaptivity.posing import PosedOnCuts, dual_problem
 from agglo_core.agglomeration import agglomerate
-from agglo_core.arrays import Float, frozen_float, frozen_int
+from agglo_core.arrays import Float, frozen_float
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.hierarchy.cuts import Cut
@@ -31,7 +31,7 @@ End = Literal["tolerance", "max_unknowns", "fine mesh", "solver"]
 """Reason for the end: the tolerance or the number of unknowns is reached, the mesh has no finer parts where
 the error is, or a solver did not converge."""
 
-_RATIO: Final = 3
+_RATIO: Final = 4
 """Parts per part of the next coarser level, for hierarchies that are made for a mesh."""
 _FEWEST: Final = 16
 """Smallest mean number of parts on the coarsest of these levels."""
@@ -145,7 +145,7 @@ def adapt(
     Parameters
     ----------
     on : Mesh or Hierarchy
-        For a mesh, nested levels with ratio 3 are made, in which no part mixes coefficients given by cell.
+        For a mesh, nested levels with ratio 4 are made, in which no part mixes coefficients given by cell.
     problem : Diffusion, optional
         Default: −Δu = 1 with u = 0 on the boundary. Coefficients and boundary data by cell are never
         averaged: parts in which they vary are divided before the first step.
@@ -234,7 +234,7 @@ class _Loop:
 
     def run(self, tolerance: float | None, max_unknowns: int | None, share: float) -> Adaptation:
         """Solve, estimate and refine until a goal is reached."""
-        cut = self._settled(self.hierarchy.cut_at(len(self.hierarchy) - 1, grade=1))
+        cut = self._settled(self.hierarchy.cut_at(len(self.hierarchy) - 1))
         while True:
             solution, indicators = self._step(cut)
             last = self.steps[-1]
@@ -343,9 +343,7 @@ class _Loop:
         transfer = getattr(solution.discretisation, "transfer", None)
         if transfer is None:
             return None
-        places = np.unique(old.labels * cut.n_parts + cut.labels)
-        pairs = frozen_int(np.stack(np.divmod(places, cut.n_parts), axis=1))
-        return frozen_float(transfer(old.mesh, solution.x, cut.mesh, pairs))
+        return frozen_float(transfer(old.mesh, solution.x, cut.mesh, old.overlaps(cut)))
 
 
 def _coarser(hierarchy: Hierarchy, cut: Cut) -> Hierarchy:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.hierarchy.cuts import Cut
+from agglo_core.hierarchy.forest import Forest
 
 _DEEPEST: Final = 3
 """Largest number of levels that a part is divided by at once."""
@@ -52,33 +54,39 @@ def next_cut(cut: Cut, squares: Float, share: float, goal: float = 0.0, most: fl
     target = max((1.0 - share) * total, _MARGIN * goal) - irreducible
     parts, largest = divisions(frozen_float(divisible), float(inner.mean()), target)
     # Join siblings that hardly count
-    parents, n_nodes = forest.parent[cut.nodes], len(forest.parent)
-    sums = np.bincount(parents[parents >= 0], squares[parents >= 0], n_nodes)
-    small = (parents >= 0) & (sums[parents] < _JOINED * largest[-1])
-    base = cut.coarsen(small).cut if small.any() else cut
+    joined = _joined(cut, squares, _JOINED * float(largest[-1]))
     # Divide as many as fit, the largest first
     while len(parts):
-        depth = np.zeros(n_nodes, np.int64)
+        depth = np.zeros(len(forest.parent), np.int64)
         depth[cut.nodes] = np.bincount(parts, minlength=cut.n_parts)
-        refined = _divided(base, depth)
-        if refined.n_parts <= cut.n_parts:  # at least one part more, so that all steps end
-            refined = _divided(cut, depth)
-        if refined.n_parts <= most:
-            return refined
+        nodes = _divided(forest, joined, depth)
+        if len(nodes) <= cut.n_parts:  # at least one part more, so that all steps end
+            nodes = _divided(forest, cut.nodes, depth)
+        if len(nodes) <= most:
+            return replace(cut, nodes=nodes)
         parts = parts[: len(parts) * 3 // 4]
         if len(parts) < _FEW * cut.n_parts:
             break
     return None
 
 
-def _divided(cut: Cut, depth: Int) -> Cut:
-    """Divide the parts of a cut ``depth (n_nodes,)`` times."""
-    left = np.array(depth)
+def _joined(cut: Cut, squares: Float, least: float) -> Int:
+    """Return the nodes of a cut after siblings are joined whose ``squares`` sum to less than ``least``."""
+    forest, parents = cut.forest, cut.forest.parent[cut.nodes]
+    has_parent, n_nodes = parents >= 0, len(forest.parent)
+    count = np.bincount(parents[has_parent], minlength=n_nodes)
+    sums = np.bincount(parents[has_parent], squares[has_parent], n_nodes)
+    unions = np.flatnonzero((count > 0) & (count == forest.n_children) & (sums < least))
+    return frozen_int(np.append(cut.nodes[~np.isin(parents, unions)], unions))
+
+
+def _divided(forest: Forest, nodes: Int, depth: Int) -> Int:
+    """Return the nodes after each of ``nodes`` is divided ``depth (n_nodes,)`` times."""
+    left, is_node = np.array(depth), np.zeros(len(depth), bool)
+    is_node[nodes] = True
     for _ in range(_DEEPEST):
-        divided = cut.nodes[left[cut.nodes] > 0]
-        if not len(divided):
-            break
-        children = np.isin(cut.forest.parent, divided)
-        left[children] = left[cut.forest.parent[children]] - 1
-        cut = cut.refine(left[cut.nodes] > 0).cut
-    return cut
+        split = is_node & (left > 0) & (forest.n_children > 0)
+        children = np.flatnonzero((forest.parent >= 0) & split[forest.parent])
+        is_node[split], is_node[children] = False, True
+        left[children] = left[forest.parent[children]] - 1
+    return frozen_int(np.flatnonzero(is_node))

@@ -257,7 +257,9 @@ class Cut:
             If the cut belongs to another hierarchy.
         """
         self._check_same_forest(other)
-        return _pairs(self.labels, other.labels, other.n_parts)
+        # One part of a pair contains the other, and therefore the first cell of the other
+        cells = np.concatenate([first_of_each(cut.labels) for cut in (self, other)])
+        return _pairs(self.labels[cells], other.labels[cells], other.n_parts)
 
     def _check_same_forest(self, other: Cut) -> None:
         if not self.forest.matches(other.forest):
