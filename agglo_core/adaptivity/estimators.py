@@ -23,7 +23,7 @@ class Residual:
     """
 
     accepts: ClassVar[tuple[str, ...]] = (Diffusion.kind,)
-    omitted: ClassVar[tuple[str, ...]] = ()
+    inside: ClassVar[bool] = True
 
     def __repr__(self) -> str:
         return show_options(self)
@@ -50,8 +50,8 @@ class Residual:
             )
         factor = factor_for(float(np.abs(solution.x).max(initial=0.0)))
         scaled = problem if factor == 1.0 else times(problem, factor)
-        squares = residuals(scaled, mesh, factor * solution.x)
-        return {name: values for name, values in squares.items() if name not in self.omitted}, factor
+        more = {} if self.inside else {"inside": False}
+        return residuals(scaled, mesh, factor * solution.x, **more), factor
 
 
 class GradientJump(Residual):
@@ -60,4 +60,4 @@ class GradientJump(Residual):
     As an estimate it lacks the source, but it serves to choose cells.
     """
 
-    omitted: ClassVar[tuple[str, ...]] = ("cell", _OSCILLATION)
+    inside: ClassVar[bool] = False

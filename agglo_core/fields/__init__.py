@@ -16,7 +16,7 @@ from agglo_core.fields.floating import Floating, magnitude
 from agglo_core.fields.gauss_points import gauss, simplex_rule
 from agglo_core.fields.location import locate
 from agglo_core.fields.polynomials import AtPoints, Polynomials
-from agglo_core.fields.residuals import CellResiduals, cell_residuals, kappa_values, times
+from agglo_core.fields.residuals import CellResiduals, cell_residuals, kappa_values, reach_of, times
 from agglo_core.fields.rules import Batch, inside
 from agglo_core.fields.sampling import sample_points
 from agglo_core.fields.simplices import triangles_of_faces
@@ -47,6 +47,7 @@ __all__ = [
     "nonnegative",
     "per_cell",
     "positive",
+    "reach_of",
     "require_exact",
     "robin_alpha",
     "sample",

@@ -80,6 +80,12 @@ def cell_residuals(mesh: Mesh, problem: Diffusion, degree: int, u: Polynomials) 
     return CellResiduals(*(frozen_float(values) for values in found))
 
 
+def reach_of(mesh: Mesh, problem: Diffusion, degree: int) -> Float:
+    """Return :attr:`CellResiduals.reach` alone ``(n_cells,)``."""
+    kappa, reaction = kappa_values(mesh, problem.kappa), _values(problem.reaction, mesh, "reaction")
+    return frozen_float(_scales(mesh, degree, problem, kappa, reaction)[1])
+
+
 def _project_fluxes(
     mesh: Mesh, degree: int, problem: Diffusion, kappa: Values, u: Polynomials, smallest: Float
 ) -> tuple[Float, Float]:

@@ -156,9 +156,10 @@ class Discretisation(Protocol):
     - ``means(problem, mesh)``: a map from unknowns to those of the mean, constant on components where the
       solution is determined only up to a constant and 0 elsewhere, or None. Solvers subtract the mean.
     - ``energy(problem, mesh, x)``: the square of the energy norm of the function, without jumps;
-    - ``residuals(problem, mesh, x)``: squares by name and cell ``(n_cells,)``, whose sum estimates the square
-      of the error in the energy norm: ``cell``, and others on faces. ``oscillation`` is the share of ``cell``
-      that the discretisation cannot represent. :func:`agglo_core.adapt` refines by them.
+    - ``residuals(problem, mesh, x, inside=True)``: squares by name and cell ``(n_cells,)``, whose sum
+      estimates the square of the error in the energy norm: ``cell``, and others on faces. ``oscillation`` is
+      the share of ``cell`` that the discretisation cannot represent. With ``inside=False`` both are omitted.
+      :func:`agglo_core.adapt` refines by them.
     - ``transfer(mesh, x, other, pairs)``: unknowns on the mesh ``other`` of the projection of the function
       with unknowns x; ``pairs (k, 2)`` are the overlapping cells of both meshes, of which one contains the
       other. :func:`agglo_core.adapt` starts each solve from it.

@@ -240,12 +240,12 @@ class PolyDG:
         """
         return fluxes(self.basis(mesh), mesh, x, _diffusion(problem), self.penalty)
 
-    def residuals(self, problem: Problem, mesh: Mesh, x: Float) -> Mapping[str, Float]:
+    def residuals(self, problem: Problem, mesh: Mesh, x: Float, inside: bool = True) -> Mapping[str, Float]:
         """Return the weighted squares of all residuals of a solution, by kind and cell ``(n_cells,)``.
 
         See :func:`~agglo_polydg_mg.forms.residuals.squared_residuals`.
         """
-        return squared_residuals(self.basis(mesh), x, _diffusion(problem), self.penalty)
+        return squared_residuals(self.basis(mesh), x, _diffusion(problem), self.penalty, inside)
 
     def energy(self, problem: Problem, mesh: Mesh, x: Float) -> float:
         """Return ∫ ∇u·κ∇u + c u² for the function with unknowns ``x (n,)``, without jumps."""

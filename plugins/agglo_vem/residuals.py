@@ -20,23 +20,31 @@ _TINY: Final = 1e-300
 """Smallest divisor: faces without measure have no residual."""
 
 
-def squared_residuals(terms: BoundaryTerms, x: Float, stabilisation: str) -> Mapping[str, Float]:
+def squared_residuals(
+    terms: BoundaryTerms, x: Float, stabilisation: str, inside: bool = True
+) -> Mapping[str, Float]:
     """Return the weighted squares of all residuals of the projected solution by kind, ``(n_cells,)`` each.
 
-    - ``cell`` and ``oscillation``: :class:`~agglo_core.fields.residuals.CellResiduals`;
+    - ``cell`` and ``oscillation``, unless ``inside`` is False:
+      :class:`~agglo_core.fields.residuals.CellResiduals`;
     - ``flux``: jumps of κ∇u·n between cells, and its gaps to Neumann and Robin data;
     - ``data``: gaps to the Dirichlet data on their faces, weighted by the length of the face;
     - ``stabilisation``: that term of the energy.
     """
     space = terms.space
     function = project(space, x)
-    cell, oscillation, reach = fields.cell_residuals(space.mesh, terms.problem, space.degree, function)
+    squares: dict[str, Float] = {}
+    if inside:
+        cell, oscillation, reach = fields.cell_residuals(space.mesh, terms.problem, space.degree, function)
+        squares = {"cell": cell, "oscillation": oscillation}
+    else:
+        reach = fields.reach_of(space.mesh, terms.problem, space.degree)
     flux, data = _on_faces(terms, x, function, reach)
     local, rest = LocalForms(space, terms.problem, stabilisation), np.zeros(space.mesh.n_cells)
     for batch in space.batches():
         u = x[batch.unknowns]
         rest[batch.cells] = np.einsum("cn,cnm,cm->c", u, local.blocks(batch)[1], u, optimize=True)
-    squares = {"cell": cell, "flux": flux, "data": data, "stabilisation": rest, "oscillation": oscillation}
+    squares |= {"flux": flux, "data": data, "stabilisation": rest}
     return {name: np.maximum(values, 0.0) for name, values in squares.items()}
 
 

@@ -182,12 +182,12 @@ class VirtualElements:
         assert isinstance(problem, Diffusion)
         return float(x @ (forms.LocalForms(self.space(mesh), problem, self.stabilisation).matrix() @ x))
 
-    def residuals(self, problem: Problem, mesh: Mesh, x: Float) -> Mapping[str, Float]:
+    def residuals(self, problem: Problem, mesh: Mesh, x: Float, inside: bool = True) -> Mapping[str, Float]:
         """Return the weighted squares of all residuals of a solution, by kind and cell ``(n_cells,)``.
 
         See :func:`~agglo_vem.residuals.squared_residuals`.
         """
-        return squared_residuals(self._terms(problem, mesh), x, self.stabilisation)
+        return squared_residuals(self._terms(problem, mesh), x, self.stabilisation, inside)
 
     def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:
         """Return the load ``(n,)`` of source, Neumann and Robin data: b without Dirichlet terms."""

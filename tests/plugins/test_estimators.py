@@ -168,6 +168,17 @@ def test_the_other_estimates_are_of_the_size_of_the_error(estimator: Residual | 
         assert 0.4 < index(estimator, solved(agglomerates(), posed(COEFFICIENTS[name]), 2)) < 4.0
 
 
+@pytest.mark.parametrize("how", ["polydg", "vem"])
+def test_gradient_jump_is_the_residual_without_cells(how: str) -> None:
+    problem = Diffusion(kappa=growing, source=growing, reaction=growing)
+    solution = agglo.solve(agglomerates(), problem, discretisation=how)
+    terms = {name: values for name, values in Residual().terms(solution).items() if name in ("flux", "jump")}
+    found = GradientJump().terms(solution)
+    assert not {"cell", "oscillation"} & set(found)
+    for name, values in terms.items():
+        np.testing.assert_array_equal(found[name], values)
+
+
 def test_the_indicators_scale_with_the_data() -> None:
     mesh = samples.voronoi(60, seed=2)
     values = Residual().indicate(solved(mesh, Diffusion(source=1.0)))

@@ -17,23 +17,26 @@ from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.space.basis import Basis
 
 
-def squared_residuals(basis: Basis, x: Float, problem: Diffusion, penalty: Penalty) -> Mapping[str, Float]:
+def squared_residuals(
+    basis: Basis, x: Float, problem: Diffusion, penalty: Penalty, inside: bool = True
+) -> Mapping[str, Float]:
     """Return the weighted squares of all residuals of a solution, by kind and cell ``(n_cells,)``.
 
-    - ``cell`` and ``oscillation``: :class:`~agglo_core.fields.residuals.CellResiduals`;
+    - ``cell`` and ``oscillation``, unless ``inside`` is False:
+      :class:`~agglo_core.fields.residuals.CellResiduals`;
     - ``flux``: jumps of κ∇u·n between cells, and its gaps to Neumann and Robin data;
     - ``jump``: γσ[u]², as in the DG norm, with u − g on Dirichlet faces.
     """
     state = State.of(basis, x, problem)
-    u = polynomials_of(basis, state.coefficients, state.offset)
-    cell, oscillation, reach = fields.cell_residuals(basis.mesh, problem, basis.degree, u)
+    squares: dict[str, Float] = {}
+    if inside:
+        u = polynomials_of(basis, state.coefficients, state.offset)
+        cell, oscillation, reach = fields.cell_residuals(basis.mesh, problem, basis.degree, u)
+        squares = {"cell": cell, "oscillation": oscillation}
+    else:
+        reach = fields.reach_of(basis.mesh, problem, basis.degree)
     flux, jump = _on_faces(state, penalty, reach)
-    return {
-        "cell": cell,
-        "flux": frozen_float(flux),
-        "jump": frozen_float(jump),
-        "oscillation": oscillation,
-    }
+    return squares | {"flux": frozen_float(flux), "jump": frozen_float(jump)}
 
 
 def _on_faces(state: State, penalty: Penalty, reach: Float) -> tuple[Float, Float]:
