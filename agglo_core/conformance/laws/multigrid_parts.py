@@ -91,10 +91,12 @@ def near_null_kept(subject: Subject, case: Case) -> None:
         coarse.ndim == 2 and len(coarse) == P.shape[1] and coarse.dtype.kind in "fiu",
         f"coarse near-null vectors are {in_words(space.near_null)}, expected numbers, {P.shape[1]} in each",
     )
-    inside = B - _outside(P, B)
-    share = _largest(_outside(P @ coarse, inside), B)
+    outside = _outside(P, B)
+    share = _largest(_outside(P @ coarse, B - outside), B)
+    # A smoothed P changes the vectors, above all on few cells; other columns reproduce them.
+    reproduced = P.shape[1] < len(P) and _largest(outside, B) <= 1e-9
     require(
-        share <= 0.5,  # a smoothed P changes them, above all on few cells
+        share <= (1e-6 if reproduced else 0.5),
         f"{share:.2f} of a near-null vector is no combination of P times the coarse ones: the coarse ones "
         "are the coefficients of the given ones in the columns of P",
     )
