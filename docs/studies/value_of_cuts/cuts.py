@@ -11,7 +11,7 @@ import numba
 import numpy as np
 
 from agglo_core.authoring import Float, Graph, Int, OptionError, Target, frozen_int
-from value_of_cuts.features import FAR, LANES, describe, new_room, setup_for
+from value_of_cuts.features import LANES, describe, join, new_room, no_cells, setup_for
 
 
 class Cells(NamedTuple):
@@ -43,15 +43,6 @@ class Policy(NamedTuple):
     noise: float  # relative, on costs
 
 
-class Projection(NamedTuple):
-    """Cells by rows, in units of h*: coordinates of centroids and extents along the axes, and moments."""
-
-    at: Float
-    high: Float
-    low: Float
-    moments: Float
-
-
 def cells_of(graph: Graph) -> Cells:
     """Return the arrays of a mesh's graph."""
     arrays = graph.centroids, graph.measures, graph.vertex_offsets, graph.vertices, graph.points
@@ -77,25 +68,24 @@ def logarithm(network, inputs, hidden, last):
 
 
 @numba.njit(cache=True, fastmath=True)
-def parts_of(sums, high, low, setup, network, room):
-    """Estimate the number of parts that a set of cells becomes."""
-    if describe(sums, high, low, setup, room) <= setup.certain:
+def parts_of(sets, t, setup, network, room):
+    """Estimate the number of parts that row ``t`` becomes."""
+    if describe(sets, t, setup, room) <= setup.certain:
         return 1.0
     return max(1.0, math.exp(min(logarithm(network, room.inputs, room.hidden, room.last), 9.0)))
 
 
 @numba.njit(cache=True, fastmath=True)
 def project(cells, members, axes, h_star):
-    """Return coordinates, extents and moments of the cells ``members`` about the first of them."""
+    """Return coordinates along the axes and sets of one cell for ``members``, relative to the first one."""
     n, dim, f = len(members), cells.centroids.shape[1], np.float32
-    moments, at = np.zeros((n, LANES), f), np.zeros((n, LANES), f)
-    high, low = np.full((n, LANES), -FAR), np.full((n, LANES), FAR)
+    at, sets = np.zeros((n, LANES), f), no_cells(n)
     origin, step, along = cells.centroids[members[0]], np.zeros(3, f), np.zeros((3, LANES), f)
     for i in range(dim):
         along[i, : len(axes)] = axes[:, i]
     for k in range(n):
-        # Moments: measure, first and second moments, count.
-        c, row, second = members[k], moments[k], 1 + dim
+        # Sums: measure, first and second moments, count.
+        c, row, second = members[k], sets.sums[k], 1 + dim
         row[0] = cells.measures[c] / h_star**dim
         for i in range(dim):
             step[i] = (cells.centroids[c, i] - origin[i]) / h_star
@@ -113,8 +103,8 @@ def project(cells, members, axes, h_star):
                 step[i] = (cells.points[cells.vertices[p], i] - origin[i]) / h_star
             for a in range(LANES):
                 z = step[0] * along[0, a] + step[1] * along[1, a] + step[2] * along[2, a]
-                high[k, a], low[k, a] = max(high[k, a], z), min(low[k, a], z)
-    return Projection(at, high, low, moments)
+                sets.high[k, a], sets.low[k, a] = max(sets.high[k, a], z), min(sets.low[k, a], z)
+    return at, sets
 
 
 @numba.njit(cache=True, fastmath=True)
@@ -131,20 +121,6 @@ def in_principal_frame(axes, cells, members):
                 x, y = cells.centroids[c, i] - mean[i] / total, cells.centroids[c, j] - mean[j] / total
                 covariance[i, j] += cells.measures[c] * x * y
     return axes @ np.linalg.eigh(covariance)[1].T
-
-
-@numba.njit(cache=True)
-def empty_sets(n):
-    """Return sums and extents of ``n`` sets without cells."""
-    return np.zeros((n, LANES), np.float32), np.full((n, LANES), -FAR), np.full((n, LANES), FAR)
-
-
-@numba.njit(cache=True, fastmath=True)
-def join(sums, high, low, more, higher, lower):
-    """Add a set of cells to another one."""
-    for a in range(LANES):
-        sums[a] += more[a]
-        high[a], low[a] = max(high[a], higher[a]), min(low[a], lower[a])
 
 
 @numba.njit(cache=True, fastmath=True)
@@ -166,39 +142,39 @@ def cut(cells, members, setup, policy, network, side):
     """
     n, dim, bins, room = len(members), cells.centroids.shape[1], setup.bins, new_room()
     count = dim * (dim + 3) // 2 + 1
-    piece = project(cells, members, in_principal_frame(setup.axes, cells, members), policy.h_star)
+    at, own = project(cells, members, in_principal_frame(setup.axes, cells, members), policy.h_star)
     least, side[:] = 1e18, np.arange(n) >= (n + 1) // 2  # if no cut is possible
     for a in range(len(setup.axes)):
         # Step 1: join the cells of each bin along the axis.
-        start, stop = piece.at[:, a].min(), piece.at[:, a].max()
-        bin_of = ((piece.at[:, a] - start) * (0.9999 * bins / (stop - start + 1e-9))).astype(np.int64)
-        sums, high, low = empty_sets(bins)
+        start, stop = at[:, a].min(), at[:, a].max()
+        bin_of = ((at[:, a] - start) * (0.9999 * bins / (stop - start + 1e-9))).astype(np.int64)
+        below, above = no_cells(bins), no_cells(bins)
         for k in range(n):
-            t = bin_of[k]
-            join(sums[t], high[t], low[t], piece.moments[k], piece.high[k], piece.low[k])
+            join(below, bin_of[k], own, k)
         # Step 2: join each bin with those above.
-        above, above_high, above_low = sums.copy(), high.copy(), low.copy()
-        for t in range(bins - 2, -1, -1):
-            join(above[t], above_high[t], above_low[t], above[t + 1], above_high[t + 1], above_low[t + 1])
+        for t in range(bins - 1, -1, -1):
+            join(above, t, below, t)
+            if t < bins - 1:
+                join(above, t, above, t + 1)
         # Step 3: join each bin with those below, and compute the cost of the cut above it.
         for t in range(bins - 1):
-            left, right, empty = sums[t], above[t + 1], sums[t, count] == 0
+            left, right, empty = below.sums[t], above.sums[t + 1], below.sums[t, count] == 0
             if t > 0:
-                join(left, high[t], low[t], sums[t - 1], high[t - 1], low[t - 1])
+                join(below, t, below, t - 1)
             if empty or right[count] == 0:
                 continue
-            if n >= 12 and min(left[0], right[0]) < setup.share * above[0, 0]:
+            if n >= 12 and min(left[0], right[0]) < setup.share * above.sums[0, 0]:
                 continue
-            cost = -inertia_between(left, right, above[0], dim)
+            cost = -inertia_between(left, right, above.sums[0], dim)
             if policy.learned:
-                cost = setup.inertia * cost + parts_of(left, high[t], low[t], setup, network, room)
+                cost = setup.inertia * cost + parts_of(below, t, setup, network, room)
                 if cost + 1.0 >= least and policy.noise == 0.0:
                     continue
-                cost += parts_of(right, above_high[t + 1], above_low[t + 1], setup, network, room)
+                cost += parts_of(above, t + 1, setup, network, room)
             if policy.noise > 0.0:
                 uniform = np.random.random()  # noqa: NPY002
                 cost += policy.noise * abs(cost) * math.log(1e-12 - math.log(1e-12 + uniform))
-            # Step 4: keep the best cut.
+            # Step 4: keep the cheapest cut.
             if cost < least:
                 least, side[:] = cost, bin_of > t
 
@@ -236,11 +212,10 @@ def recursion(cells, setup, frame, policy, network, seed):
         members, piece = order[start:stop].copy(), pieces
         parent[piece], pieces = above, pieces + 1
         # Describe the piece.
-        found = project(cells, members, axes, policy.h_star)
-        sums, high, low = empty_sets(1)
+        own, whole = project(cells, members, axes, policy.h_star)[1], no_cells(1)
         for k in range(stop - start):
-            join(sums[0], high[0], low[0], found.moments[k], found.high[k], found.low[k])
-        widths[piece] = describe(sums[0], high[0], low[0], setup, room)
+            join(whole, 0, own, k)
+        widths[piece] = describe(whole, 0, setup, room)
         inputs[piece] = room.inputs
         # Count a part that fits in all pieces that it was cut from.
         if stop - start == 1 or (widths[piece] <= 1.0 and fits(cells, members, policy.h_star)):
@@ -249,10 +224,10 @@ def recursion(cells, setup, frame, policy, network, seed):
                 piece = parent[piece]
             continue
         # Cut the piece and continue with both sides.
-        own = side[start:stop]
-        cut(cells, members, setup, policy, network, own)
-        middle = start + np.sum(own == 0)
-        order[start:middle], order[middle:stop] = members[own == 0], members[own == 1]
+        half = side[start:stop]
+        cut(cells, members, setup, policy, network, half)
+        middle = start + np.sum(half == 0)
+        order[start:middle], order[middle:stop] = members[half == 0], members[half == 1]
         stack.append((start, middle, piece))
         stack.append((middle, stop, piece))
     return inputs[:pieces], widths[:pieces], parts[:pieces]

@@ -1,4 +1,4 @@
-"""Describe a set of cells by measure, widths and inertia, independent of its orientation."""
+"""Describe a set of cells by measure, widths and inertia, equal for all symmetries of the axes."""
 
 from __future__ import annotations
 
@@ -25,6 +25,14 @@ class Setup(NamedTuple):
     certain: float  # a set of this largest width over h* has a diameter of at most h*
     inertia: float  # weight of the share of inertia between the sides, against parts
     share: float  # least share of the measure on a side, for pieces of 12 cells and more
+
+
+class Sets(NamedTuple):
+    """Sets of cells by rows, in units of h*."""
+
+    sums: Float  # measure, first moments, second moments (rows of the upper triangle), number of cells
+    high: Float  # extents along the axes
+    low: Float
 
 
 class Room(NamedTuple):
@@ -62,18 +70,35 @@ def new_room():
     return Room(np.zeros(LANES, f), np.zeros(20, f), np.zeros((3, 3), f), np.zeros(16, f), np.zeros(16, f))
 
 
-@numba.njit(cache=True, fastmath=True)
-def describe(sums, high, low, setup, room):
-    """Write the inputs of the network for a set of cells, and return its largest width.
+@numba.njit(cache=True)
+def no_cells(n):
+    """Return ``n`` sets without cells."""
+    shape = n, LANES
+    return Sets(np.zeros(shape, np.float32), np.full(shape, -FAR), np.full(shape, FAR))
 
-    ``sums`` are its measure, first moments, second moments (rows of the upper triangle) and number of cells;
-    ``high`` and ``low`` its extents along the axes. All lengths are in units of h*. The inputs are the log of
-    the measure, the widths, the size of the cells, and roots of sums of principal minors of the covariance.
+
+@numba.njit(cache=True, fastmath=True)
+def join(sets, t, more, k):
+    """Add the cells of row ``k`` of ``more`` to row ``t``."""
+    for a in range(LANES):
+        sets.sums[t, a] += more.sums[k, a]
+    for a in range(LANES):
+        sets.high[t, a] = max(sets.high[t, a], more.high[k, a])
+        sets.low[t, a] = min(sets.low[t, a], more.low[k, a])
+
+
+@numba.njit(cache=True, fastmath=True)
+def describe(sets, t, setup, room):
+    """Write the inputs of the network for row ``t``, and return its largest width.
+
+    The inputs are the log of the measure, the widths, the size of the cells, and roots of sums of principal
+    minors of the covariance.
     """
     n_axes, dim = setup.axes.shape
-    measure, widths, inputs, covariance = sums[0], room.widths, room.inputs, room.covariance
+    sums, widths, inputs, covariance = sets.sums[t], room.widths, room.inputs, room.covariance
+    measure = sums[0]
     for a in range(LANES):
-        widths[a] = high[a] - low[a]
+        widths[a] = sets.high[t, a] - sets.low[t, a]
     # Choose the order of axes whose widths are lexicographically largest.
     best, largest = 0, np.float32(0.0)
     for s in range(1, len(setup.symmetries)):
