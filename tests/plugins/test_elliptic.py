@@ -712,6 +712,13 @@ def test_strong_directions_take_few_iterations(mesh: Mesh, most: tuple[int, int]
         assert "directional" in found.choice
 
 
+def test_directional_tensors_leave_layers_their_guide() -> None:
+    plain = samples.squares(24)
+    points = np.stack((plain.points[:, 0], np.expm1(7.0 * plain.points[:, 1]) / np.expm1(7.0)), axis=1)
+    mesh = Mesh(points, plain.face_offsets, plain.face_vertices, plain.face_cells)
+    assert agglo.solve(mesh, Diffusion(rotated(0.0, 1e-2))).iterations <= 7
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 def test_polyhedra_with_tensors_are_solved(degree: int) -> None:
     mesh = samples.random_tetrahedra(40, seed=2)

@@ -75,6 +75,14 @@ def flat_part(mesh: Mesh, limit: float, ignored: float = 0.0) -> float:
     return float(np.mean(measures < limit * mesh.cell_diameters**mesh.dim))
 
 
+def shape_penalty(mesh: Mesh) -> Float:
+    """Return |F| / |T| of each face F with its smaller cell T ``(n_faces,)``, a penalty by shape alone."""
+    owner, other = mesh.face_cells.T
+    measures = mesh.cell_measures
+    smaller = np.minimum(measures[owner], measures[np.where(other < 0, owner, other)])
+    return frozen_float(mesh.face_measures / smaller)
+
+
 def columns(mesh: Mesh) -> tuple[Patches, float]:
     """Join cells across their layers, and return the columns with the fraction of strong pairs they cut.
 
@@ -86,10 +94,7 @@ def columns(mesh: Mesh) -> tuple[Patches, float]:
     ----------
     mesh : Mesh
     """
-    owner, other = mesh.face_cells.T
-    measures = mesh.cell_measures
-    smaller = np.minimum(measures[owner], measures[np.where(other < 0, owner, other)])
-    pairs = strong_pairs(mesh, frozen_float(mesh.face_measures / smaller))
+    pairs = strong_pairs(mesh, shape_penalty(mesh))
     found = multigrid.joined_patches(pairs, mesh.n_cells, most=_COLUMN)
     column = np.empty(mesh.n_cells, np.int64)
     column[found.parts] = np.repeat(np.arange(len(found)), np.diff(found.offsets))

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from agglo_core.authoring import Float, Mesh, OptionError, solvers
-from agglo_polydg_mg.auxiliary.strong_faces import columns, flat_part, strong_part, weak_part
+from agglo_polydg_mg.auxiliary.strong_faces import columns, flat_part, shape_penalty, strong_part, weak_part
 
 RECIPES: Final = ("auto", "conforming", "patches", "agglomerates")
 CYCLES: Final = ("auto", "V", "W", "F", "K")
@@ -118,9 +118,10 @@ def choose(
     than 2 % weak faces make *layers* in meshes of triangles and quadrilaterals. A cell is *flat* if its area
     is below 0.05 d², its volume below 0.001 d³ (d: diameter), and a mesh is *flat* with more than 1 % flat
     cells; polygons where κ varies are flat from a tenth of this. κ is *directional* if its eigenvalues
-    differ by more than a factor of 10 in more than 6 % of the cells; then there are no layers. The flat
-    cells form *columns* if groups of up to 64 cells separate at most 5 % of the cell pairs with a strong
-    face. κ *varies* if it spans more than two decades.
+    differ by more than a factor of 10 in more than 6 % of the cells; |F| / |T| of a face F with its smaller
+    cell T then replaces the penalty in the test of layers. The flat cells form *columns* if groups of up to
+    64 cells separate at most 5 % of the cell pairs with a strong face. κ *varies* if it spans more than two
+    decades.
 
     =====================================================  ============  ========  ==========  =====
     case                                                   recipe        smoother  vertices    cycle
@@ -260,7 +261,7 @@ def _row_in_plane(
     polygons = bool(faces_per_cell.max() > _QUADRILATERAL)
     few_polygons = bool(np.mean(faces_per_cell > _QUADRILATERAL) < 0.5)
     bad = strong > BAD
-    layers = few_polygons and not directional and weak_part(mesh, sigma) > _LAYERS
+    layers = few_polygons and weak_part(mesh, shape_penalty(mesh) if directional else sigma) > _LAYERS
     aggregates = degree == 1 and not (bad or layers or varies)
     smoother = "cells"
     if bad or (degree > 2 and (polygons or strong > _UNEASY)):
