@@ -12,7 +12,7 @@ GALLERY = Path(__file__).parents[2] / "docs" / "gallery"
 
 GOLDEN: dict[str, dict[str, Any]] = {
     "a_front_on_moving_cuts": {"unknowns": (83868, 960), "gaps": [0.02, 0.06]},
-    "an_adapted_layer": {"unknowns": (1746, 1746), "of_uniform": 0.5, "index": 1.7},
+    "an_adapted_layer": {"unknowns": (1569, 1569), "of_uniform": 0.5, "index": 1.7},
     "bisectors_compared": {
         "circle_ratios": {"kmeans": 0.529, "sweep": 0.507, "inertial": 0.508, "coordinate": 0.509}
     },
