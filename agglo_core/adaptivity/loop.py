@@ -32,9 +32,11 @@ End = Literal["tolerance", "max_unknowns", "fine mesh", "solver"]
 the error is, or a solver did not converge."""
 
 _RATIO: Final = 4
-"""Parts per part of the next coarser level, for hierarchies that are made for a mesh."""
+"""Parts per part of the next coarser level, for hierarchies that are made for a mesh. 3 takes 14 % more time
+and 9 % more unknowns at equal error (five layers, otherwise as in benchmarks/adaptivity.py time)."""
 _FEWEST: Final = 16
-"""Smallest mean number of parts on the coarsest of these levels."""
+"""Smallest mean number of parts on the coarsest of these levels. 32 takes 6 % less time, but 15 % more
+unknowns at equal error (measured as the ratio)."""
 _REGIONS: Final = 64
 """Largest number of coefficient values that are kept apart as regions."""
 
