@@ -27,7 +27,7 @@ def random_triangles(n: int, seed: int = 0) -> Mesh:
     >>> agglo.samples.random_triangles(100)
     Mesh('random triangles n=100 seed=0', 2-D, 226 cells, 353 faces, 128 points)
     """
-    n = check_size(n, 1, "n", "random_triangles", 1, 800)
+    n = check_size(n, 1, "n", "random_triangles", memory=800)
     rng = np.random.default_rng(check_size(seed, 0, "seed", "random_triangles", 0))
     return delaunay_mesh(rng.random((n, 2)), f"random triangles n={n} seed={seed}")
 
@@ -49,7 +49,7 @@ def voronoi(n: int, seed: int = 0) -> Mesh:
     >>> agglo.samples.voronoi(100)
     Mesh('voronoi n=100 seed=0', 2-D, 100 cells, 301 faces, 202 points)
     """
-    n = check_size(n, 1, "n", "voronoi", 1, 1700)
+    n = check_size(n, 1, "n", "voronoi", memory=1700)
     rng = np.random.default_rng(check_size(seed, 0, "seed", "voronoi", 0))
     return voronoi_mesh(rng.random((n, 2)), f"voronoi n={n} seed={seed}")
 

@@ -36,7 +36,7 @@ def random_tetrahedra(n: int, seed: int = 0) -> Mesh:
 
     from agglo_core.mesh.elements import polyhedra_from_elements
 
-    n = check_size(n, 1, "n", "random_tetrahedra", 1, 3000)
+    n = check_size(n, 1, "n", "random_tetrahedra", memory=3000)
     rng = np.random.default_rng(check_size(seed, 0, "seed", "random_tetrahedra", 0))
     # 1. Randomly displaced grid points on the surface.
     per_edge = max(1, round(n ** (1 / 3)))
@@ -77,7 +77,7 @@ def voronoi3d(n: int, seed: int = 0) -> Mesh:
     """
     from scipy.spatial import Voronoi
 
-    n = check_size(n, 1, "n", "voronoi3d", 1, 40_000)
+    n = check_size(n, 1, "n", "voronoi3d", memory=40_000)
     seeds = np.random.default_rng(check_size(seed, 0, "seed", "voronoi3d", 0)).random((n, 3))
     # 1. Voronoi diagram of the points and their mirror images.
     images = [seeds]  # mirror images clip the cells exactly

@@ -27,7 +27,7 @@ def boxes(n: int) -> Mesh:
     """
     from agglo_core.mesh.elements import polyhedra_from_elements
 
-    n = check_size(n, 1, "n", "boxes", 3, 900)
+    n = check_size(n, 1, "n", "boxes", 3, memory=900)
     points, corners = _cubes(n)
     hexahedra = corners[:, [0, 1, 3, 2, 4, 5, 7, 6]]  # bottom loop, then top loop
     cells = polyhedra_from_elements({"hexahedron": hexahedra})
@@ -49,7 +49,7 @@ def tetrahedra(n: int) -> Mesh:
     """
     from agglo_core.mesh.elements import polyhedra_from_elements
 
-    n = check_size(n, 1, "n", "tetrahedra", 3, 2700)
+    n = check_size(n, 1, "n", "tetrahedra", 3, memory=2700)
     points, corners = _cubes(n)
     paths = []
     for x, y, z in permutations((1, 2, 4)):  # corner 0 to corner 7, one axis after the other
