@@ -11,7 +11,6 @@ from hypothesis import given, settings, strategies as st
 
 import agglo_core as agglo
 from agglo_core import samples
-from agglo_core.agglomeration.levels import growth
 from agglo_core.arrays import frozen_index, frozen_int
 from agglo_core.compiled import part_faults
 from agglo_core.compiled.graphs import list_blocks, number_as_met
@@ -95,17 +94,6 @@ def test_numbered_as_met(values: list[int]) -> None:
     renumbered, order = number_as_met(frozen_index(values), 10)
     assert order.tolist() == list(dict.fromkeys(values))
     assert order[renumbered].tolist() == values
-
-
-@pytest.mark.parametrize("targets", [{"h_factor": (2, 4)}, {"n_parts": (9, 40)}])
-def test_growth_that_goes_on_gives_what_growth_made_anew_gives(targets, monkeypatch) -> None:
-    mesh = samples.random_triangles(600, seed=5)
-    one = agglo.agglomerate(mesh, **targets)
-    anew = growth._request_growth
-    monkeypatch.setattr(growth, "_restart_growth", lambda graph, pieces, _, run: anew(graph, pieces, run))
-    other = agglo.agglomerate(mesh, **targets)
-    for a, b in zip(one.levels, other.levels, strict=True):
-        np.testing.assert_array_equal(a, b)
 
 
 def spider(legs: int) -> tuple[np.ndarray, np.ndarray]:
