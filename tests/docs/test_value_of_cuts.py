@@ -16,6 +16,8 @@ from value_of_cuts.cuts import Policy, ValueBisector, cells_of, cut, fits, proje
 from value_of_cuts.features import describe, join, new_room, no_cells, setup_for
 from value_of_cuts.train import Effort, blank, train
 
+pytestmark = pytest.mark.slow  # the kernels of the study are compiled for these tests alone
+
 TINY = Effort(meshes=2, validation=2, recursions=1, noise=(0.1,), steps=20)
 
 
