@@ -276,7 +276,8 @@ def discretised_system(problem: Problem, mesh: Mesh, how: Any) -> FineSystem:
     """Return the system that any discretisation assembles, in the form that solvers require.
 
     ``how.fixed_unknowns(problem, mesh)``, if offered, are subtracted as an offset, and
-    ``how.inner_unknowns(mesh)`` are eliminated (:class:`~agglo_core.solvers.condensation.Condensation`).
+    ``how.inner_unknowns(mesh)`` are eliminated (:class:`~agglo_core.solvers.condensation.Condensation`),
+    unless the matrix may be nonsymmetric.
     ``how.means(problem, mesh)`` is subtracted from the solution.
     Residuals are measured as for linear systems.
     """
@@ -285,7 +286,7 @@ def discretised_system(problem: Problem, mesh: Mesh, how: Any) -> FineSystem:
     inner = how.inner_unknowns(mesh) if hasattr(how, "inner_unknowns") else np.empty((0, 0), int)
     fixed = how.fixed_unknowns(problem, mesh) if hasattr(how, "fixed_unknowns") else np.empty(0, int)
     condensed, A, b = None, sparse.csr_array(system.A), system.b
-    if inner.size:
+    if inner.size and not may_be_nonsymmetric(problem):
         condensed = Condensation.of(A, b, inner)
         A, b, fixed = condensed.matrix, condensed.load, np.searchsorted(condensed.outer, fixed)
     # 2. Scale by powers of two

@@ -90,7 +90,7 @@ def _join_short_edges(mesh: Mesh, most: int, tensors: Float | None) -> tuple[Ind
     else:
         shortest, joined = _SHORT_ALONG, _JOINED_ALONG
         inverses, longest = np.linalg.inv(tensors), np.zeros(mesh.n_cells)
-        lengths = [np.sqrt(np.vecdot(edges, np.matvec(inverses[side], edges))) for side in cells]
+        lengths = [np.sqrt(np.einsum("ki,kij,kj->k", edges, inverses[side], edges)) for side in cells]
         for side, length in zip(cells, lengths, strict=True):
             np.maximum.at(longest, side, length)
         ratio = np.maximum(*(length / longest[side] for side, length in zip(cells, lengths, strict=True)))
